@@ -1,0 +1,213 @@
+"""Resumable collection: rounds of screened candidates through the trials, one shard a round."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..candidates import candidates, cannot_touch, draw_sides
+from ..errors import InputError
+from ..grasps import Grasps
+from ..hands import HandModel
+from ..objects import CATALOGUE
+from ..postures import PosturePrior
+from ..taxonomy import GRASP_TYPES
+from ..trials import PAPER, Protocol, run
+from .schema import SCHEMA_VERSION, to_columns
+from .shards import METADATA_FILE, read_metadata, shard_path, write_metadata, write_shard
+
+CELLS: tuple[tuple[str, str], ...] = tuple((label, name) for label in CATALOGUE for name in GRASP_TYPES)
+"""Every (object label, grasp type), the unit that collection fills evenly."""
+
+
+@dataclass(frozen=True)
+class CollectionSpec:
+    """Say how much to collect; collection ends when every cell has enough of both."""
+
+    trials_per_cell: int = 1200
+    """Trials for each object and type; 0 asks for none."""
+    successes_per_cell: int = 0
+    """Held grasps for each object and type; 0 asks for none."""
+    round_per_cell: int = 80
+    """Trials of an unfinished cell in one round; a round is one shard and all that an interruption can lose."""
+    seed: int = 0
+    """Seed of every draw; the same seed gives the same rows whatever the threads or interruptions."""
+
+    def __post_init__(self) -> None:
+        """Check the counts.
+
+        Raises:
+            InputError: a count is negative, a round is empty or nothing is asked for.
+        """
+        if min(self.trials_per_cell, self.successes_per_cell) < 0 or self.round_per_cell < 1:
+            raise InputError("trials and successes per cell must not be negative and a round needs at least 1 trial")
+        if self.trials_per_cell == 0 and self.successes_per_cell == 0:
+            raise InputError("nothing to collect: give trials_per_cell or successes_per_cell")
+
+
+@dataclass(frozen=True)
+class CollectionState:
+    """Report how far a collection is: rounds written, trials and held grasps of each cell ``(54,)``."""
+
+    rounds: int
+    trials: NDArray[np.int64]
+    held: NDArray[np.int64]
+    faithful: NDArray[np.int64]
+
+    def unfinished(self, spec: CollectionSpec) -> NDArray[np.int64]:
+        """Number the cells that still need trials."""
+        short = (self.trials < spec.trials_per_cell) | (self.held < spec.successes_per_cell)
+        return np.flatnonzero(short)
+
+
+def collect(
+    hand: HandModel,
+    prior: PosturePrior,
+    spec: CollectionSpec,
+    folder: Path | str,
+    *,
+    protocol: Protocol = PAPER,
+    n_threads: int = 0,
+    progress: Callable[[CollectionState], None] | None = None,
+) -> CollectionState:
+    """Collect trials into a folder, going on where an earlier call with the same arguments was cut off.
+
+    Args:
+        hand: the hand.
+        prior: where postures come from.
+        spec: how much.
+        folder: made if needed.
+        protocol: the trial.
+        n_threads: simulation threads, 0 for all.
+        progress: called at the start and after each round.
+
+    Raises:
+        InputError: the folder holds a collection with other arguments.
+        FileFormatError: the folder holds something else.
+    """
+    folder = Path(folder)
+    metadata = _open(folder, hand, prior, spec, protocol)
+    state = _state(metadata)
+    while True:
+        if progress is not None:
+            progress(state)
+        cells = state.unfinished(spec)
+        if not cells.size:
+            return state
+        grasps, skipped = draw_round(hand, prior, cells, state.rounds, spec)
+        outcomes = run(grasps, protocol, hand=hand.description, n_threads=n_threads)
+        path = shard_path(folder, state.rounds)
+        digest = write_shard(path, to_columns(grasps, outcomes))
+        counts = _count(grasps, outcomes.held, outcomes.faithful(grasps))
+        metadata["shards"].append(
+            {"file": path.name, "sha256": digest, "rows": len(grasps), "screened_out": skipped} | counts
+        )
+        metadata["counts"] = _totals(metadata)
+        write_metadata(folder, metadata)
+        state = _state(metadata)
+
+
+def draw_round(
+    hand: HandModel, prior: PosturePrior, cells: NDArray[np.int64], number: int, spec: CollectionSpec
+) -> tuple[Grasps, int]:
+    """Draw one round's candidates, skipping those that cannot touch.
+
+    Returns:
+        The candidates, `round_per_cell` for each cell, and how many were skipped.
+    """
+    parts, skipped = [], 0
+    for cell in cells:
+        label, kind = CELLS[cell]
+        rng = np.random.default_rng([spec.seed, number, int(cell)])
+        kept: list[Grasps] = []
+        missing = spec.round_per_cell
+        while missing > 0:
+            labels, kinds = np.full(2 * missing, label), np.full(2 * missing, kind)
+            drawn = candidates(hand, prior.sample(kinds, rng), kinds, labels, draw_sides(labels, rng), rng)
+            hopeless = cannot_touch(hand, drawn)
+            useful = np.flatnonzero(~hopeless)[:missing]
+            # Draws beyond the last one taken were not looked at and do not count as skipped.
+            seen = len(drawn) if len(useful) < missing else int(useful[-1]) + 1
+            skipped += int(hopeless[:seen].sum())
+            kept.append(drawn[useful])
+            missing -= len(useful)
+        parts.extend(kept)
+    return Grasps.concatenate(parts), skipped
+
+
+def versions() -> dict[str, str]:
+    """Name the versions that numbers depend on."""
+    return {name: version(name) for name in ("graspcascade", "mujoco", "numpy", "scipy")} | {
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+    }
+
+
+def _open(folder: Path, hand: HandModel, prior: PosturePrior, spec: CollectionSpec, protocol: Protocol) -> dict[str, Any]:
+    identity = {
+        "schema_version": SCHEMA_VERSION,
+        "hand": hand.description.name,
+        "joint_names": list(hand.joint_names),
+        "pregrasp_rad": hand.pregrasp.tolist(),
+        "prior": prior.fingerprint(),
+        "protocol": protocol.to_json(),
+        "objects": {label: {"shape": o.shape, "extents_m": list(o.extents_m)} for label, o in CATALOGUE.items()},
+        "screening": "candidates whose opposing places stay farther apart than the side is wide are skipped",
+        "seed": spec.seed,
+        "round_per_cell": spec.round_per_cell,
+    }
+    if (folder / METADATA_FILE).exists():
+        found = read_metadata(folder)
+        differing = [key for key, value in identity.items() if found.get(key) != value]
+        if differing:
+            raise InputError(
+                f"{folder} holds a collection with another {', '.join(differing)}; "
+                "give the same arguments to go on with it, or another folder"
+            )
+        # More may be asked of a finished collection: rows so far stay what they are.
+        return found | {"collection": asdict(spec)}
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError(f"{folder} is not empty and holds no collection; give an empty or new folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    metadata = identity | {"collection": asdict(spec), "versions": versions(), "counts": {}, "shards": []}
+    write_metadata(folder, metadata)
+    return metadata
+
+
+def _count(grasps: Grasps, held: NDArray[np.bool_], faithful: NDArray[np.bool_]) -> dict[str, list[int]]:
+    cell = np.array([CELLS.index((str(o), str(t))) for o, t in zip(grasps.object_label, grasps.grasp_type, strict=True)])
+
+    def per_cell(rows: NDArray[np.bool_]) -> list[int]:
+        return np.bincount(cell[rows], minlength=len(CELLS)).tolist()
+
+    return {"trials": per_cell(np.ones_like(held)), "held": per_cell(held), "faithful": per_cell(faithful)}
+
+
+def _state(metadata: dict[str, Any]) -> CollectionState:
+    shards = metadata["shards"]
+
+    def total(key: str) -> NDArray[np.int64]:
+        return np.sum([np.zeros(len(CELLS), dtype=np.int64), *(np.array(s[key]) for s in shards)], axis=0)
+
+    return CollectionState(len(shards), total("trials"), total("held"), total("faithful"))
+
+
+def _totals(metadata: dict[str, Any]) -> dict[str, Any]:
+    state = _state(metadata)
+    return {
+        "trials": int(state.trials.sum()),
+        "held": int(state.held.sum()),
+        "faithful": int(state.faithful.sum()),
+        "screened_out": sum(s["screened_out"] for s in metadata["shards"]),
+        "cells": [
+            {"object": o, "grasp_type": t, "trials": int(n), "held": int(h), "faithful": int(f)}
+            for (o, t), n, h, f in zip(CELLS, state.trials, state.held, state.faithful, strict=True)
+        ],
+    }

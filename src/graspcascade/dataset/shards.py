@@ -1,0 +1,121 @@
+"""Parquet shards in a folder with a metadata file; writing is atomic, reading is checked."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import FileFormatError, InputError
+from ..grasps import Grasps
+from ..trials import Outcomes
+from .schema import SCHEMA_VERSION, Columns, from_columns
+
+METADATA_FILE = "metadata.json"
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Hold a dataset in memory.
+
+    Attributes:
+        grasps: every trial's grasp; `object_size_m` is what the trial measured.
+        outcomes: what became of each.
+        metadata: schema version, protocol, hand, catalogue, seed, counts, versions, checksums.
+    """
+
+    grasps: Grasps
+    outcomes: Outcomes
+    metadata: dict[str, Any]
+
+
+def shard_path(folder: Path, number: int) -> Path:
+    """Name the file of a shard."""
+    return folder / f"part-{number:05d}.parquet"
+
+
+def write_shard(path: Path, columns: Columns) -> str:
+    """Write one shard atomically and return its sha256."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    staged = path.with_suffix(".staged")
+    arrays = {
+        name: pa.array(values.astype(object), pa.string()).dictionary_encode()
+        if values.dtype.kind == "U"
+        else pa.array(values)
+        for name, values in columns.items()
+    }
+    pq.write_table(pa.table(arrays), staged, compression="zstd")
+    digest = hashlib.sha256(staged.read_bytes()).hexdigest()
+    os.replace(staged, path)
+    return digest
+
+
+def write_metadata(folder: Path, metadata: dict[str, Any]) -> None:
+    """Write the metadata file atomically."""
+    staged = folder / (METADATA_FILE + ".staged")
+    staged.write_text(json.dumps(metadata, indent=1) + "\n")
+    os.replace(staged, folder / METADATA_FILE)
+
+
+def read_metadata(folder: Path) -> dict[str, Any]:
+    """Read and check the metadata file.
+
+    Raises:
+        FileFormatError: it is missing, not JSON or of another schema.
+    """
+    path = folder / METADATA_FILE
+    if not path.is_file():
+        raise FileFormatError(f"{folder} is not a graspcascade dataset: it has no {METADATA_FILE}")
+    try:
+        metadata = json.loads(path.read_text())
+        version = metadata["schema_version"]
+    except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path} is not readable dataset metadata: {error}") from error
+    if version != SCHEMA_VERSION:
+        raise FileFormatError(f"{path} has schema version {version}; this version reads {SCHEMA_VERSION}")
+    return dict(metadata)
+
+
+def read_shard(path: Path, columns: Iterable[str] | None = None) -> Columns:
+    """Read a shard's columns.
+
+    Raises:
+        FileFormatError: the file is missing, truncated, not Parquet, or lacks a column asked for.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        # An explicit file, so that folder names are not taken for partition columns.
+        with pq.ParquetFile(path) as file:
+            table = file.read(columns=None if columns is None else list(columns))
+    except (pa.ArrowException, OSError) as error:
+        raise FileFormatError(f"{path} is not a readable Parquet shard: {str(error).splitlines()[0]}") from error
+    return {name: table.column(name).to_numpy() for name in table.column_names}
+
+
+def load_dataset(folder: Path | str) -> Dataset:
+    """Load a dataset whole.
+
+    Raises:
+        FileFormatError: a file is missing, truncated or foreign.
+        InputError: the dataset is empty.
+    """
+    folder = Path(folder)
+    metadata = read_metadata(folder)
+    names = [entry["file"] for entry in metadata["shards"]]
+    if not names:
+        raise InputError(f"{folder} holds no shards yet")
+    parts = [read_shard(folder / name) for name in names]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    joint_names = tuple(metadata["joint_names"])
+    grasps, outcomes = from_columns(columns, joint_names, np.array(metadata["pregrasp_rad"]))
+    return Dataset(grasps, outcomes, metadata)

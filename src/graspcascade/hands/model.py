@@ -1,0 +1,208 @@
+"""`HandModel`: joint names and limits, and where pads and tips are for a batch of postures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..poses import Pose
+from ..taxonomy import GraspType
+from .description import SHADOW_HAND, HandDescription
+from .kinematics import Kinematics, Link
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlacePoints:
+    """Hold contact places of n postures in the hand frame: points ``(n, 3)`` in metres, outward unit normals ``(n, 3)``."""
+
+    point_m: Array
+    normal: Array
+
+
+@dataclass(frozen=True)
+class HandModel:
+    """Answer geometric questions about a hand; all postures are ``(n, J)`` radians in the order of `joint_names`.
+
+    Attributes:
+        description: names of the hand's parts.
+        kinematics: the tree of links below the palm.
+        lower_rad: ``(J,)`` lower joint limits.
+        upper_rad: ``(J,)`` upper joint limits.
+        X_forearm_hand: fixed pose of the hand frame in the forearm base, wrist at zero.
+    """
+
+    description: HandDescription
+    kinematics: Kinematics
+    lower_rad: Array
+    upper_rad: Array
+    X_forearm_hand: Pose
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Name the posture's columns."""
+        return self.description.joint_names
+
+    @cached_property
+    def pregrasp(self) -> Array:
+        """Give the open hand ``(J,)`` before closing."""
+        return np.array([self.description.pregrasp_rad.get(name, 0.0) for name in self.joint_names])
+
+    @cached_property
+    def _coupled_columns(self) -> Array:
+        pairs = self.description.coupled.values()
+        return np.array([[self.joint_names.index(name) for name in pair] for pair in pairs])
+
+    def clip(self, posture: ArrayLike) -> Array:
+        """Bring angles inside the joint limits."""
+        return np.clip(np.asarray(posture, dtype=np.float64), self.lower_rad, self.upper_rad)
+
+    def executed(self, posture: ArrayLike) -> Array:
+        """Give the free-space angles that a commanded posture leads to.
+
+        One tendon drives a finger's two outer joints, so only their sum is commanded and, touching nothing, they
+        share it equally; all others reach their targets within limits.
+        """
+        return self.share(self.clip(posture))
+
+    def share(self, posture: ArrayLike) -> Array:
+        """Share the sum of each tendon's two joints equally between them, whatever the limits."""
+        posture = np.array(posture, dtype=np.float64)
+        if len(self._coupled_columns):
+            shared = posture[..., self._coupled_columns].mean(axis=-1, keepdims=True)
+            posture[..., self._coupled_columns] = shared
+        return posture
+
+    def frames(self, posture: ArrayLike, bodies: list[str] | None = None) -> dict[str, tuple[Array, Array]]:
+        """Compute body frames in the hand frame: ``(n, 3, 3)`` rotations and ``(n, 3)`` origins by body name."""
+        posture = np.atleast_2d(np.asarray(posture, dtype=np.float64))
+        if posture.shape[1] != len(self.joint_names):
+            raise InputError(f"a posture of this hand has {len(self.joint_names)} joints, got {posture.shape[1]}")
+        return self.kinematics.frames(dict(zip(self.joint_names, posture.T, strict=True)), bodies)
+
+    def places(self, posture: ArrayLike, names: list[str]) -> dict[str, PlacePoints]:
+        """Locate contact places by name, without the tendon's sharing (see `executed`)."""
+        wanted = {name: self.description.places[name] for name in names}
+        frames = self.frames(posture, [place.body for place in wanted.values()])
+        found = {}
+        for name, place in wanted.items():
+            rotation, origin = frames[place.body]
+            found[name] = PlacePoints(origin + rotation @ np.array(place.point_m), rotation @ np.array(place.normal))
+        return found
+
+    def tips(self, posture: ArrayLike, digits: list[str]) -> dict[str, Array]:
+        """Locate fingertip centres ``(n, 3)`` by digit, metres in the hand frame."""
+        wanted = {digit: self.description.tips[digit] for digit in digits}
+        frames = self.frames(posture, [body for body, _ in wanted.values()])
+        return {
+            digit: frames[body][1] + frames[body][0] @ np.array(point) for digit, (body, point) in wanted.items()
+        }
+
+    def tip_distance(self, posture: ArrayLike) -> Array:
+        """Measure thumb tip to index tip ``(n,)`` in metres at these very angles."""
+        tips = self.tips(posture, ["thumb", "index"])
+        return np.linalg.norm(tips["thumb"] - tips["index"], axis=-1)
+
+    def grasp_size(self, posture: ArrayLike) -> Array:
+        """Measure thumb tip to index tip ``(n,)`` of the posture executed without an object (paper, section V)."""
+        return self.tip_distance(self.executed(posture))
+
+    def opposition(self, posture: ArrayLike, kind: GraspType) -> tuple[Array, Array]:
+        """Locate the opposition pair of a type in the executed posture.
+
+        Returns:
+            The two contact points ``(n, 3)``, thumb first, metres in the hand frame.
+        """
+        thumb, other = kind.opposition
+        found = self.places(self.executed(posture), [thumb, other])
+        return found[thumb].point_m, found[other].point_m
+
+
+def load_spec(description: HandDescription) -> Any:
+    """Read a hand's MJCF as an editable MuJoCo spec.
+
+    Raises:
+        InputError: the file cannot be read or lacks a part the description names.
+    """
+    # The engine is heavy to load and geometry from stored constants does not need it.
+    import mujoco
+
+    try:
+        spec = mujoco.MjSpec.from_file(str(description.mjcf))
+    except (ValueError, OSError) as error:
+        raise InputError(f"cannot read hand model {description.mjcf}: {error}") from error
+    joints = {joint.name for joint in spec.joints}
+    bodies = {body.name for body in spec.bodies}
+    needed_joints = {*description.joint_names, *description.wrist_joints}
+    needed_bodies = {description.hand_body, *description.digit_roots.values(), *description.palm_bodies}
+    needed_bodies |= {place.body for place in description.places.values()}
+    missing = sorted(n for n in needed_joints if description.prefix + n not in joints)
+    missing += sorted(n for n in needed_bodies if description.prefix + n not in bodies)
+    if missing:
+        raise InputError(f"hand model {Path(description.mjcf).name} lacks {', '.join(missing)} (prefix {description.prefix!r})")
+    return spec
+
+
+def load_hand(description: HandDescription) -> HandModel:
+    """Build a hand model from its MJCF.
+
+    Raises:
+        InputError: the file is unreadable or does not fit the description.
+    """
+    import mujoco
+
+    model = load_spec(description).compile()
+    prefix = description.prefix
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    hand = model.body(prefix + description.hand_body).id
+    links = []
+    for body in range(hand, model.nbody):
+        if body != hand and model.body_rootid[body] != model.body_rootid[hand]:
+            continue
+        links.append(_link(model, body, hand, prefix))
+    limits = np.array([model.joint(prefix + name).range for name in description.joint_names])
+    base = int(model.body_rootid[hand])
+    X_world_base = Pose.of(data.xpos[base], data.xquat[base])
+    X_world_hand = Pose.of(data.xpos[hand], data.xquat[hand])
+    return HandModel(
+        description, Kinematics(tuple(links)), limits[:, 0], limits[:, 1], X_world_base.inverse() @ X_world_hand
+    )
+
+
+def _link(model: Any, body: int, hand: int, prefix: str) -> Link:
+    import mujoco
+
+    if model.body_jntnum[body] > 1 and body != hand:
+        raise InputError(f"body {model.body(body).name} has {model.body_jntnum[body]} joints; one hinge at most is supported")
+    name = model.body(body).name.removeprefix(prefix)
+    if body == hand:
+        return Link(name, None, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, model.body_quat[body])
+    joint, axis = None, (1.0, 0.0, 0.0)
+    if model.body_jntnum[body]:
+        index = model.body_jntadr[body]
+        joint = model.joint(index).name.removeprefix(prefix)
+        axis = tuple(float(v) for v in model.jnt_axis[index])
+    return Link(
+        name,
+        model.body(model.body_parentid[body]).name.removeprefix(prefix),
+        tuple(float(v) for v in model.body_pos[body]),
+        tuple(tuple(float(v) for v in row) for row in matrix.reshape(3, 3)),
+        joint,
+        axis,
+    )
+
+
+@lru_cache(maxsize=1)
+def shadow_hand() -> HandModel:
+    """Load the right Shadow Hand with our primitive shapes (cached)."""
+    return load_hand(SHADOW_HAND)

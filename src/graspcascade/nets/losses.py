@@ -1,0 +1,75 @@
+"""Losses of the output heads, in torch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from .heads import KAPPA_FLOOR, KAPPA_MAX, LOG_KAPPA_MAX, Block
+from .vmf import SERIES_BELOW
+
+
+def concentration(raw: Tensor) -> Tensor:
+    """Map raw decoder outputs to concentrations; the torch twin of `heads.concentration`."""
+    return KAPPA_FLOOR + KAPPA_MAX * torch.sigmoid(raw - LOG_KAPPA_MAX)
+
+
+def log_peak_density(kappa: Tensor) -> Tensor:
+    """Give log C_4(kappa) + kappa, the log density at the mean, differentiable for every kappa >= 0.
+
+    Computed in float64 whatever the input: its gradient, 1 - A_4(kappa), is a difference of close numbers.
+
+    Args:
+        kappa: concentrations, any shape.
+    """
+    wide = kappa.double()
+    # Each branch gets an argument inside its own range, so that the unused one never sends back a NaN.
+    small, large = wide.clamp(max=SERIES_BELOW), wide.clamp(min=SERIES_BELOW)
+    square = small**2
+    series = small - square * (1 / 8 - square * (1 / 384 - square * (1 / 9216 - square / 184320)))
+    bessel = torch.log(large / (2.0 * torch.special.i1e(large)))
+    return torch.where(wide < SERIES_BELOW, series, bessel) - math.log(2.0 * math.pi**2)
+
+
+def vmf_log_prob(mean: Tensor, kappa: Tensor, x: Tensor) -> Tensor:
+    """Give the von Mises-Fisher log density of unit vectors on S^3.
+
+    Written with ``mean . x = 1 - |mean - x|^2 / 2``, which keeps its digits at high concentration. Constants as in
+    Mardia and Jupp, Directional Statistics (2000), section 9.3.2, DOI 10.1002/9780470316979.
+
+    Args:
+        mean: ``(n, 4)`` unit vectors.
+        kappa: ``(n,)`` concentrations, ``>= 0``.
+        x: ``(n, 4)`` unit vectors.
+
+    Returns:
+        ``(n,)``, in the type of `mean`.
+    """
+    distance = (mean - x).square().sum(-1)
+    return log_peak_density(kappa).to(mean.dtype) - 0.5 * kappa * distance
+
+
+def head_loss(block: Block, output: Tensor, x: Tensor) -> Tensor:
+    """Give one head's weighted loss per row ``(n,)`` from all raw outputs and all (standardised) targets."""
+    raw, target = output[:, block.output], x[:, block.target]
+    if block.head.kind == "gaussian":
+        return block.head.weight * (raw - target).square().sum(-1)
+    direction = functional.normalize(raw[:, :4], dim=-1)
+    if block.head.kind == "unit":
+        return block.head.weight * (direction - target).square().sum(-1)
+    return -block.head.weight * vmf_log_prob(direction, concentration(raw[:, 4]), target)
+
+
+def reconstruction_loss(blocks: Iterable[Block], output: Tensor, x: Tensor) -> Tensor:
+    """Sum the heads' losses per row ``(n,)``."""
+    return torch.stack([head_loss(block, output, x) for block in blocks]).sum(0)
+
+
+def metric_error(block: Block, metric: Tensor, output: Tensor, x: Tensor) -> Tensor:
+    """Give the squared length per row ``(n,)`` of `metric` ``(n, k, d)`` times the error of a gaussian block."""
+    error = output[:, block.output] - x[:, block.target]
+    return torch.bmm(metric, error.unsqueeze(-1)).square().sum((1, 2))

@@ -1,0 +1,167 @@
+"""The one training loop (torch)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import torch
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+from ..errors import InputError
+from .fitted import EpochRecord, Fitted
+from .rows import Rows, standardised_rows
+from .specs import TrainingSpec, VaeSpec
+from .vae import ConditionalVae
+
+__all__ = ["EpochRecord", "Fitted", "TrainingSpec", "fit"]
+
+
+def fit(
+    spec: VaeSpec,
+    training: TrainingSpec,
+    x: ArrayLike,
+    c: ArrayLike,
+    metric: ArrayLike | None = None,
+    progress: Callable[[EpochRecord], None] | None = None,
+) -> Fitted:
+    """Train a conditional VAE on rows held in memory, repeatably: equal arguments give equal weights on a machine.
+
+    Args:
+        spec: the model.
+        training: the run.
+        x: ``(n, target_dim)`` targets in natural units, rotation blocks as unit quaternions.
+        c: ``(n, condition_dim)`` conditions in natural units.
+        metric: ``(n, k, d)`` matrices acting on natural-unit errors of the first head (dim d), weighted by
+            ``training.metric_weight``.
+        progress: called after each epoch.
+
+    Raises:
+        InputError: a shape does not fit the spec, a value is not finite, or too few rows are left to train on.
+        FloatingPointError: the loss stopped being finite.
+    """
+    rows, standardisation = standardised_rows(spec, x, c, metric if training.metric_weight > 0.0 else None)
+    with _own_torch(training):
+        run = _Run.start(spec, training, rows)
+        history = tuple(run.epochs(progress))
+    weights = {name: tensor.numpy().copy() for name, tensor in run.averaged.state_dict().items()}
+    return Fitted(spec, training, standardisation, weights, history)
+
+
+@contextmanager
+def _own_torch(training: TrainingSpec) -> Iterator[None]:
+    """Seed torch and set its threads, leaving the caller's random state and thread count as they were."""
+    threads = torch.get_num_threads()
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(training.seed)
+        torch.set_num_threads(training.threads)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)
+
+
+@dataclass
+class _Run:
+    """Hold the moving parts of one training run."""
+
+    training: TrainingSpec
+    rows: Rows
+    model: ConditionalVae
+    averaged: ConditionalVae
+    optimiser: torch.optim.AdamW
+    train_rows: Tensor
+    validation_rows: Tensor
+    batch_size: int
+    step: int = 0
+
+    @classmethod
+    def start(cls, spec: VaeSpec, training: TrainingSpec, rows: Rows) -> _Run:
+        model, averaged = ConditionalVae(spec), ConditionalVae(spec)
+        averaged.load_state_dict(model.state_dict())
+        averaged.requires_grad_(False)
+        shuffled = torch.randperm(len(rows))
+        held_out = round(training.validation_fraction * len(shuffled))
+        if len(shuffled) - held_out < 1:
+            raise InputError(f"no rows are left to train on: {len(shuffled)} given, {held_out} held out")
+        return cls(
+            training,
+            rows,
+            model,
+            averaged,
+            torch.optim.AdamW(
+                model.parameters(), lr=training.learning_rate, weight_decay=training.weight_decay, fused=True
+            ),
+            train_rows=shuffled[held_out:],
+            validation_rows=shuffled[:held_out],
+            batch_size=min(training.batch_size, len(shuffled) - held_out),
+        )
+
+    @property
+    def steps(self) -> int:
+        return self.training.epochs * (len(self.train_rows) // self.batch_size)
+
+    def epochs(self, progress: Callable[[EpochRecord], None] | None) -> Iterator[EpochRecord]:
+        begun = time.perf_counter()
+        for epoch in range(1, self.training.epochs + 1):
+            total, reconstruction, kl = self.train_epoch()
+            if not math.isfinite(total):
+                raise FloatingPointError(f"training diverged in epoch {epoch}: loss {total}; lower the learning rate")
+            record = EpochRecord(
+                epoch=epoch,
+                epochs=self.training.epochs,
+                learning_rate=self.optimiser.param_groups[0]["lr"],
+                train_loss=total,
+                train_reconstruction=reconstruction,
+                train_kl=kl,
+                validation_loss=self.validate() if len(self.validation_rows) else None,
+                seconds=time.perf_counter() - begun,
+            )
+            if progress is not None:
+                progress(record)
+            yield record
+
+    def train_epoch(self) -> tuple[float, float, float]:
+        order = self.train_rows[torch.randperm(len(self.train_rows))]
+        sums, batches = torch.zeros(3), len(order) // self.batch_size
+        for batch in range(batches):
+            sums += self.train_step(order[batch * self.batch_size : (batch + 1) * self.batch_size])
+        total, reconstruction, kl = (sums / batches).tolist()
+        return total, reconstruction, kl
+
+    def train_step(self, chosen: Tensor) -> Tensor:
+        spec, done = self.training, self.step / max(self.steps - 1, 1)
+        cosine = 0.5 * (1.0 + math.cos(math.pi * done))
+        rate = spec.final_learning_rate + (spec.learning_rate - spec.final_learning_rate) * cosine
+        self.optimiser.param_groups[0]["lr"] = rate
+        kl_scale = min(1.0, done / spec.kl_warmup_fraction) if spec.kl_warmup_fraction else 1.0
+        losses = self.rows.loss(self.model, chosen, spec.metric_weight, kl_scale)
+        self.optimiser.zero_grad()
+        losses.total.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), spec.max_gradient_norm)
+        self.optimiser.step()
+        self.average()
+        self.step += 1
+        return torch.stack(losses).detach()
+
+    @torch.no_grad()
+    def average(self) -> None:
+        towards = 1.0 / max(1.0, self.training.averaging_fraction * self.steps)
+        for kept, now in zip(self.averaged.parameters(), self.model.parameters(), strict=True):
+            kept.lerp_(now, towards)
+
+    @torch.no_grad()
+    def validate(self) -> float:
+        """Measure the held-out rows, with the same latent noise every epoch so that epochs compare."""
+        total = 0.0
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(self.training.seed)
+            for begin in range(0, len(self.validation_rows), self.batch_size):
+                chosen = self.validation_rows[begin : begin + self.batch_size]
+                losses = self.rows.loss(self.averaged, chosen, self.training.metric_weight)
+                total += float(losses.total) * len(chosen)
+        return total / len(self.validation_rows)

@@ -1,0 +1,189 @@
+"""Training conditional VAEs: what they learn, how they repeat, and what they refuse."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from graspcascade.errors import InputError
+from graspcascade.nets import HeadSpec, NumpyDecoder, Standardisation, TrainingSpec, VaeSpec, vmf
+from graspcascade.nets.heads import concentration
+from graspcascade.nets.training import EpochRecord, fit
+from graspcascade.nets.vae import ConditionalVae
+
+QUICK = TrainingSpec(epochs=30, batch_size=256, learning_rate=4e-3, averaging_fraction=0.05)
+POSE = VaeSpec(5, (HeadSpec("gaussian", 3), HeadSpec("gaussian", 2), HeadSpec("vmf", 4), HeadSpec("unit", 4)), 2, (16,))
+
+
+def unit_rows(rows: np.ndarray) -> np.ndarray:
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+
+
+def pose_rows(n: int = 400) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    c = rng.standard_normal((n, 5)) * 0.01 + 3.0
+    flat = rng.standard_normal((n, 5)) * [0.3, 0.2, 0.1, 0.005, 0.003] + [1.0, -1.0, 0.0, 0.1, 0.0]
+    return np.hstack([flat, unit_rows(rng.standard_normal((n, 4))), unit_rows(rng.standard_normal((n, 4)))]), c
+
+
+def test_a_noisy_circle_is_learned_with_its_centre_radius_and_spread() -> None:
+    rng = np.random.default_rng(1)
+    n = 6000
+    centre = rng.uniform(-1, 1, (n, 1))
+    angle, radius = rng.uniform(0, 2 * np.pi, n), 1 + 0.1 * rng.standard_normal(n)
+    x = np.stack([radius * np.cos(angle) + 3 * centre[:, 0], radius * np.sin(angle)], axis=1)
+    decoder = NumpyDecoder.from_fitted(
+        fit(VaeSpec(1, (HeadSpec("gaussian", 2),), 2, (64, 64), 0.02), replace(QUICK, epochs=60), x, centre)
+    )
+    for middle in (-0.5, 0.5):
+        drawn = decoder.sample(np.full((4000, 1), middle), np.random.default_rng(2)) - [3 * middle, 0.0]
+        distance = np.linalg.norm(drawn, axis=1)
+        assert np.abs(drawn.mean(0)).max() < 0.15
+        assert distance.mean() == pytest.approx(1.0, abs=0.1)
+        assert 0.03 < distance.std() < 0.25
+        assert drawn.std(0) == pytest.approx(np.sqrt(0.5), abs=0.12)
+
+
+def test_a_vmf_head_recovers_a_conditional_mean_and_concentration() -> None:
+    rng = np.random.default_rng(3)
+    n, kappas = 6000, np.array([20.0, 2000.0])
+    sharp, u = rng.integers(0, 2, n), rng.uniform(-1, 1, (n, 2))
+    means = unit_rows(np.column_stack([np.ones(n), u, u[:, 0] * u[:, 1]]))
+    c = np.column_stack([sharp, u])
+    spec = VaeSpec(3, (HeadSpec("vmf", 4),), 1, (32, 32), 1.0)
+    decoder = NumpyDecoder.from_fitted(fit(spec, QUICK, vmf.sample(means, kappas[sharp], rng), c))
+    mean = decoder.sample(c, rng, mode="mean", temperature=0.0)
+    assert np.median(np.arccos((mean * means).sum(1).clip(-1, 1))) < 0.03
+    learned = concentration(decoder.decode(np.zeros((n, 1)), c)[:, 4])
+    for group, kappa in enumerate(kappas):
+        assert np.median(learned[sharp == group]) == pytest.approx(kappa, rel=0.3)
+    drawn = decoder.sample(c, rng)
+    assert (drawn * means).sum(1)[sharp == 0].mean() == pytest.approx(vmf.mean_resultant_length(20.0), abs=0.02)
+
+
+def test_a_unit_head_learns_a_conditional_rotation() -> None:
+    rng = np.random.default_rng(4)
+    c = rng.uniform(-1, 1, (3000, 2))
+    x = unit_rows(np.column_stack([np.ones(3000), c, c[:, 0] * c[:, 1]]))
+    decoder = NumpyDecoder.from_fitted(fit(VaeSpec(2, (HeadSpec("unit", 4),), 1, (32, 32), 1.0), QUICK, x, c))
+    drawn = decoder.sample(c, rng)
+    np.testing.assert_allclose(np.linalg.norm(drawn, axis=1), 1.0, atol=1e-12)
+    assert np.median(np.arccos((drawn * x).sum(1).clip(-1, 1))) < 0.05
+
+
+def test_composite_heads_come_back_in_order_and_in_natural_units() -> None:
+    x, c = pose_rows()
+    fitted = fit(POSE, replace(QUICK, epochs=5), x, c)
+    drawn = NumpyDecoder.from_fitted(fitted).sample(c, np.random.default_rng(0))
+    assert drawn.shape == x.shape
+    np.testing.assert_allclose(np.linalg.norm(drawn[:, 5:9], axis=1), 1.0)
+    np.testing.assert_allclose(np.linalg.norm(drawn[:, 9:], axis=1), 1.0)
+    assert (np.abs(drawn[:, :5].mean(0) - x[:, :5].mean(0)) < x[:, :5].std(0)).all()
+
+
+def test_a_metric_makes_the_model_match_what_it_weighs() -> None:
+    rng = np.random.default_rng(5)
+    x, c = rng.standard_normal((2000, 2)) * [1.0, 0.01], np.zeros((2000, 1))
+    spec = VaeSpec(1, (HeadSpec("gaussian", 2),), 1, (32,), 0.3)
+
+    def errors(metric: np.ndarray) -> np.ndarray:
+        fitted = fit(spec, replace(QUICK, metric_weight=1.0), x, c, np.tile(metric, (2000, 1, 1)))
+        model = ConditionalVae(spec)
+        model.load_state_dict({name: torch.from_numpy(array) for name, array in fitted.weights.items()})
+        x_in = torch.from_numpy(fitted.standardisation.standardise_x(x))
+        c_in = torch.from_numpy(fitted.standardisation.standardise_c(c))
+        with torch.no_grad():
+            x_hat = model.decode(model.encode(x_in, c_in).mean, c_in)
+        return (x_hat - x_in).square().mean(0).numpy()
+
+    first, second = errors(np.array([[10.0, 0.0]])), errors(np.array([[0.0, 1000.0]]))
+    assert first[0] < 0.1 < 0.5 < first[1]
+    assert second[1] < 0.1 < 0.5 < second[0]
+
+
+def test_the_metric_term_is_the_squared_length_of_the_mapped_error() -> None:
+    spec = VaeSpec(1, (HeadSpec("gaussian", 3), HeadSpec("gaussian", 2)), 2, (8,))
+    model, x, c, metric = ConditionalVae(spec), torch.randn(4, 5), torch.randn(4, 1), torch.randn(4, 7, 3)
+    losses = []
+    for weight in (0.0, 2.0):
+        torch.manual_seed(0)
+        losses.append(model.loss(x, c, metric, weight))
+    torch.manual_seed(0)
+    q = model.encode(x, c)
+    error = (model.decode(q.mean + torch.randn_like(q.mean) * (0.5 * q.log_variance).exp(), c) - x)[:, :3]
+    expected = 2.0 * (metric @ error[..., None]).square().sum((1, 2)).mean()
+    torch.testing.assert_close(losses[1].reconstruction - losses[0].reconstruction, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_seed_others() -> None:
+    x, c = pose_rows()
+    training = replace(QUICK, epochs=3)
+    torch.manual_seed(123)
+    first = fit(POSE, training, x, c).weights
+    torch.rand(7)
+    before, threads = torch.random.get_rng_state(), torch.get_num_threads()
+    again, other = fit(POSE, training, x, c).weights, fit(POSE, replace(training, seed=1), x, c).weights
+    assert torch.equal(before, torch.random.get_rng_state())
+    assert torch.get_num_threads() == threads
+    assert all(np.array_equal(first[name], again[name]) for name in first)
+    assert not np.array_equal(first["decoder.0.weight"], other["decoder.0.weight"])
+
+
+def test_standardisation_is_undone_exactly_and_leaves_quaternions_alone() -> None:
+    x, c = pose_rows()
+    x[:, 1] = 0.25
+    scaling = Standardisation.of(POSE, x, c)
+    standard = scaling.standardise_x(x)
+    np.testing.assert_array_equal(standard[:, 5:], x[:, 5:].astype(np.float32))
+    np.testing.assert_allclose(standard[:, [0, 2, 3, 4]].std(0), 1.0, rtol=1e-5)
+    np.testing.assert_allclose(scaling.restore_x(standard), x, atol=1e-6)
+    np.testing.assert_allclose(scaling.standardise_c(c).mean(0), 0.0, atol=1e-5)
+
+
+def test_a_constant_condition_does_not_swamp_the_others_when_it_changes() -> None:
+    x, c = pose_rows()
+    c[:, 0] = 1.0
+    assert Standardisation.of(POSE, x, c).standardise_c(c + 1.0)[:, 0] == pytest.approx(1.0)
+
+
+def test_progress_reports_every_epoch_and_history_keeps_it() -> None:
+    x, c = pose_rows()
+    seen: list[EpochRecord] = []
+    fitted = fit(POSE, replace(QUICK, epochs=4), x, c, progress=seen.append)
+    assert tuple(seen) == fitted.history
+    assert [record.epoch for record in seen] == [1, 2, 3, 4]
+    assert seen[-1].train_loss < seen[0].train_loss
+    assert all(record.validation_loss is not None for record in seen)
+    assert seen[-1].learning_rate == pytest.approx(QUICK.final_learning_rate)
+
+
+def test_without_held_out_rows_there_is_no_validation_loss() -> None:
+    x, c = pose_rows()
+    assert fit(POSE, replace(QUICK, epochs=1, validation_fraction=0.0), x, c).history[0].validation_loss is None
+
+
+def test_rows_that_cannot_be_trained_on_are_refused() -> None:
+    x, c = pose_rows()
+    training = replace(QUICK, epochs=1, metric_weight=1.0)
+    with pytest.raises(InputError, match=r"x must have shape \(n, 13\)"):
+        fit(POSE, training, x[:, 1:], c)
+    with pytest.raises(InputError, match="as many rows"):
+        fit(POSE, training, x[1:], c)
+    with pytest.raises(InputError, match="column 2 of c"):
+        fit(POSE, training, x, np.where(np.arange(5) == 2, np.nan, c))
+    with pytest.raises(InputError, match="5 to 8 of x must be unit quaternions"):
+        fit(POSE, training, x * 2, c)
+    with pytest.raises(InputError, match=r"metric needs .* \(400, k, 3\)"):
+        fit(POSE, training, x, c, np.zeros((400, 2, 5)))
+
+
+def test_specs_out_of_range_are_refused() -> None:
+    with pytest.raises(InputError, match="Did you mean 'gaussian'"):
+        HeadSpec("gausian", 3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="a vmf head has dim 4"):
+        HeadSpec("vmf", 3)
+    with pytest.raises(InputError, match="at least one head"):
+        VaeSpec(3, ())
+    with pytest.raises(InputError, match="learning_rate"):
+        TrainingSpec(learning_rate=0.0)
