@@ -12,6 +12,7 @@ from graspcascade.poses import (
     as_quat,
     as_rotation,
     canonical_quat,
+    matrix_to_quat,
     quat_conjugate,
     quat_multiply,
     quat_to_matrix,
@@ -144,6 +145,18 @@ def test_a_quaternion_and_its_negative_have_one_canonical_form(quat: np.ndarray)
     np.testing.assert_allclose(
         quat_to_matrix(canonical_quat(quat)), as_rotation(quat).as_matrix(), atol=CLOSE, err_msg="the rotation changed"
     )
+
+
+@given(batch_shapes.flatmap(raw_quats))
+def test_a_matrix_gives_back_its_quaternion(quat: np.ndarray) -> None:
+    unit = canonical_quat(quat)
+    assert (rotation_angle(matrix_to_quat(quat_to_matrix(unit)), unit) < 1e-7).all()
+
+
+@pytest.mark.parametrize("axis", np.eye(3))
+def test_half_turns_survive_the_way_through_a_matrix(axis: np.ndarray) -> None:
+    # At a half-turn three of the four formulas divide by zero.
+    np.testing.assert_allclose(matrix_to_quat(2 * np.outer(axis, axis) - np.eye(3)), [0.0, *axis], atol=CLOSE)
 
 
 @pytest.mark.parametrize(

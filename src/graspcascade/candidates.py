@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InputError
+from .errors import InputError, unknown
 from .grasps import Grasps
 from .hands import HandModel
 from .objects import AXES, grasp_object
@@ -45,8 +46,12 @@ def candidates(
     Raises:
         InputError: an unknown name, a side that cannot be held, or lengths that differ.
     """
+    if free_angle not in get_args(FreeAngle):
+        raise unknown("free angle", free_angle, get_args(FreeAngle))
     postures = hand.executed(np.atleast_2d(np.asarray(postures, dtype=np.float64)))
-    types, labels, axes = (np.asarray(column, dtype=str) for column in (grasp_types, object_labels, side_axes))
+    types = _spelled(grasp_types, lambda name: grasp_type(name).name)
+    labels = _spelled(object_labels, lambda label: grasp_object(label).label)
+    axes = np.asarray(side_axes, dtype=str)
     n = len(postures)
     if not len(types) == len(labels) == len(axes) == n:
         raise InputError(f"got {n} postures, {len(types)} types, {len(labels)} objects and {len(axes)} side axes")
@@ -85,7 +90,7 @@ def cannot_touch(hand: HandModel, grasps: Grasps) -> NDArray[np.bool_]:
     Collection skips these; the heuristic's own success rate counts them.
     """
     thumb, other = opposition_points(hand, grasps.posture, grasps.grasp_type)
-    return np.linalg.norm(other - thumb, axis=-1) > grasps.side_m
+    return np.asarray(np.linalg.norm(other - thumb, axis=-1) > grasps.side_m)
 
 
 def draw_sides(object_labels: ArrayLike, rng: np.random.Generator) -> NDArray[np.str_]:
@@ -98,6 +103,13 @@ def draw_sides(object_labels: ArrayLike, rng: np.random.Generator) -> NDArray[np
         options = np.array(list(grasp_object(str(label)).graspable_sides_m))
         axes[rows] = options[(share[rows] * len(options)).astype(int)]
     return axes
+
+
+def _spelled(names: ArrayLike, spell: Callable[[str], str]) -> NDArray[np.str_]:
+    """Spell each name as its table does."""
+    given = np.asarray(names, dtype=str)
+    known = {str(name): spell(str(name)) for name in np.unique(given)}
+    return np.array([known[str(name)] for name in given], dtype=str)
 
 
 def _sides(labels: NDArray[np.str_], axes: NDArray[np.str_]) -> tuple[NDArray[np.str_], Array]:

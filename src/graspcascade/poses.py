@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from .errors import InputError
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -30,6 +33,9 @@ def canonical_quat(quat_wxyz: ArrayLike) -> Array:
 
 def as_rotation(quat_wxyz: ArrayLike) -> Rotation:
     """Make a scipy rotation from ``(n, 4)`` or ``(4,)`` wxyz quaternions."""
+    # Sampling needs no scipy and should not wait for it to load.
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_quat(np.asarray(quat_wxyz, dtype=np.float64), scalar_first=True)
 
 
@@ -65,6 +71,24 @@ def quat_to_matrix(quat_wxyz: ArrayLike) -> Array:
     quat = np.asarray(quat_wxyz, dtype=np.float64)
     matrices: Array = as_rotation(quat.reshape(-1, 4)).as_matrix()
     return matrices.reshape(*quat.shape[:-1], 3, 3)
+
+
+def matrix_to_quat(matrix: ArrayLike) -> Array:
+    """Give the unit quaternions ``(..., 4)``, w >= 0, of rotation matrices ``(..., 3, 3)``.
+
+    Each of four formulas divides by one component; the largest is taken (Shepperd 1978, DOI 10.2514/3.55767b).
+    """
+    m = np.moveaxis(np.asarray(matrix, dtype=np.float64), (-2, -1), (0, 1))
+    trace = m[0, 0] + m[1, 1] + m[2, 2]
+    products = np.empty((*trace.shape, 4, 4))  # 4 q_i q_j
+    products[..., 0, 0] = 1.0 + trace
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        products[..., i + 1, i + 1] = 1.0 - trace + 2.0 * m[i, i]
+        products[..., 0, i + 1] = products[..., i + 1, 0] = m[k, j] - m[j, k]
+        products[..., i + 1, j + 1] = products[..., j + 1, i + 1] = m[i, j] + m[j, i]
+    largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
+    return canonical_quat(np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :])
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ class CollectionState:
     faithful: NDArray[np.int64]
 
     def unfinished(self, spec: CollectionSpec) -> NDArray[np.int64]:
-        """Number the cells that still need trials."""
+        """Give the indices in `CELLS` of those that still need trials."""
         short = (self.trials < spec.trials_per_cell) | (self.held < spec.successes_per_cell)
         return np.flatnonzero(short)
 
@@ -76,6 +76,7 @@ def collect(
     protocol: Protocol = PAPER,
     n_threads: int = 0,
     progress: Callable[[CollectionState], None] | None = None,
+    tick: Callable[[int], None] | None = None,
 ) -> CollectionState:
     """Collect trials into a folder, going on where an earlier call with the same arguments was cut off.
 
@@ -87,10 +88,11 @@ def collect(
         protocol: the trial.
         n_threads: simulation threads, 0 for all.
         progress: called at the start and after each round.
+        tick: called within a round with the number of trials decided since the last call.
 
     Raises:
-        InputError: the folder holds a collection with other arguments.
-        FileFormatError: the folder holds something else.
+        InputError: the folder holds a collection with other arguments, or something else.
+        FileFormatError: the metadata of its collection cannot be read.
     """
     folder = Path(folder)
     metadata = _open(folder, hand, prior, spec, protocol)
@@ -102,7 +104,7 @@ def collect(
         if not cells.size:
             return state
         grasps, skipped = draw_round(hand, prior, cells, state.rounds, spec)
-        outcomes = run(grasps, protocol, hand=hand.description, n_threads=n_threads)
+        outcomes = run(grasps, protocol, hand=hand.description, n_threads=n_threads, progress=tick)
         path = shard_path(folder, state.rounds)
         digest = write_shard(path, to_columns(grasps, outcomes))
         counts = _count(grasps, outcomes.held, outcomes.faithful(grasps))
@@ -150,7 +152,9 @@ def versions() -> dict[str, str]:
     }
 
 
-def _open(folder: Path, hand: HandModel, prior: PosturePrior, spec: CollectionSpec, protocol: Protocol) -> dict[str, Any]:
+def _open(
+    folder: Path, hand: HandModel, prior: PosturePrior, spec: CollectionSpec, protocol: Protocol
+) -> dict[str, Any]:
     identity = {
         "schema_version": SCHEMA_VERSION,
         "hand": hand.description.name,
@@ -162,6 +166,7 @@ def _open(folder: Path, hand: HandModel, prior: PosturePrior, spec: CollectionSp
         "screening": "candidates whose opposing places stay farther apart than the side is wide are skipped",
         "seed": spec.seed,
         "round_per_cell": spec.round_per_cell,
+        "versions": versions(),
     }
     if (folder / METADATA_FILE).exists():
         found = read_metadata(folder)
@@ -176,16 +181,18 @@ def _open(folder: Path, hand: HandModel, prior: PosturePrior, spec: CollectionSp
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder} is not empty and holds no collection; give an empty or new folder")
     folder.mkdir(parents=True, exist_ok=True)
-    metadata = identity | {"collection": asdict(spec), "versions": versions(), "counts": {}, "shards": []}
+    metadata = identity | {"collection": asdict(spec), "counts": {}, "shards": []}
     write_metadata(folder, metadata)
     return metadata
 
 
 def _count(grasps: Grasps, held: NDArray[np.bool_], faithful: NDArray[np.bool_]) -> dict[str, list[int]]:
-    cell = np.array([CELLS.index((str(o), str(t))) for o, t in zip(grasps.object_label, grasps.grasp_type, strict=True)])
+    cell = np.array(
+        [CELLS.index((str(o), str(t))) for o, t in zip(grasps.object_label, grasps.grasp_type, strict=True)]
+    )
 
     def per_cell(rows: NDArray[np.bool_]) -> list[int]:
-        return np.bincount(cell[rows], minlength=len(CELLS)).tolist()
+        return [int(count) for count in np.bincount(cell[rows], minlength=len(CELLS))]
 
     return {"trials": per_cell(np.ones_like(held)), "held": per_cell(held), "faithful": per_cell(faithful)}
 
@@ -194,7 +201,8 @@ def _state(metadata: dict[str, Any]) -> CollectionState:
     shards = metadata["shards"]
 
     def total(key: str) -> NDArray[np.int64]:
-        return np.sum([np.zeros(len(CELLS), dtype=np.int64), *(np.array(s[key]) for s in shards)], axis=0)
+        counts: NDArray[np.int64] = np.array([s[key] for s in shards], dtype=np.int64).reshape(-1, len(CELLS))
+        return np.asarray(counts.sum(axis=0))
 
     return CollectionState(len(shards), total("trials"), total("held"), total("faithful"))
 

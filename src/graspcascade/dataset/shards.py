@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,7 +53,7 @@ def write_shard(path: Path, columns: Columns) -> str:
     }
     pq.write_table(pa.table(arrays), staged, compression="zstd")
     digest = hashlib.sha256(staged.read_bytes()).hexdigest()
-    os.replace(staged, path)
+    staged.replace(path)
     return digest
 
 
@@ -62,7 +61,7 @@ def write_metadata(folder: Path, metadata: dict[str, Any]) -> None:
     """Write the metadata file atomically."""
     staged = folder / (METADATA_FILE + ".staged")
     staged.write_text(json.dumps(metadata, indent=1) + "\n")
-    os.replace(staged, folder / METADATA_FILE)
+    staged.replace(folder / METADATA_FILE)
 
 
 def read_metadata(folder: Path) -> dict[str, Any]:
@@ -77,10 +76,13 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     try:
         metadata = json.loads(path.read_text())
         version = metadata["schema_version"]
+        missing = [key for key in ("joint_names", "pregrasp_rad", "shards") if key not in metadata]
     except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
         raise FileFormatError(f"{path} is not readable dataset metadata: {error}") from error
     if version != SCHEMA_VERSION:
         raise FileFormatError(f"{path} has schema version {version}; this version reads {SCHEMA_VERSION}")
+    if missing:
+        raise FileFormatError(f"{path} is not readable dataset metadata: it lacks {', '.join(missing)}")
     return dict(metadata)
 
 
@@ -111,11 +113,18 @@ def load_dataset(folder: Path | str) -> Dataset:
     """
     folder = Path(folder)
     metadata = read_metadata(folder)
-    names = [entry["file"] for entry in metadata["shards"]]
-    if not names:
+    if not metadata["shards"]:
         raise InputError(f"{folder} holds no shards yet")
-    parts = [read_shard(folder / name) for name in names]
+    parts = [_read_checked(folder / entry["file"], entry["sha256"]) for entry in metadata["shards"]]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     joint_names = tuple(metadata["joint_names"])
     grasps, outcomes = from_columns(columns, joint_names, np.array(metadata["pregrasp_rad"]))
     return Dataset(grasps, outcomes, metadata)
+
+
+def _read_checked(path: Path, sha256: str) -> Columns:
+    columns = read_shard(path)
+    # A shard of another collection under this name is readable, yet not what the metadata speaks of.
+    if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+        raise FileFormatError(f"{path} is not the shard that {METADATA_FILE} lists: its checksum differs")
+    return columns

@@ -64,7 +64,9 @@ class HandDescription:
 
 _FINGERS = {"index": "ff", "middle": "mf", "ring": "rf", "little": "lf"}
 _FINGER_JOINTS = tuple(
-    f"{finger.upper()}J{number}" for finger in _FINGERS.values() for number in ((5, 4, 3, 2, 1) if finger == "lf" else (4, 3, 2, 1))
+    f"{finger.upper()}J{number}"
+    for finger in _FINGERS.values()
+    for number in ((5, 4, 3, 2, 1) if finger == "lf" else (4, 3, 2, 1))
 )
 
 

@@ -58,19 +58,21 @@ class Kinematics:
         wanted = None if bodies is None else self.ancestry(bodies)
         n = max((np.size(a) for a in angles.values()), default=1)
         found: dict[str, tuple[Array, Array]] = {}
+        # The batch axis is last while computing: each step is then a few long contiguous operations.
         for link in self.links:
             if wanted is not None and link.name not in wanted:
                 continue
-            offset, turn = np.array(link.position_m), np.array(link.matrix)
             if link.parent is None:
-                rotation, origin = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
+                rotation, origin = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, n)), np.zeros((3, n))
             else:
                 up_rotation, up_origin = found[link.parent]
-                rotation, origin = up_rotation @ turn, up_origin + up_rotation @ offset
+                origin = up_origin + np.einsum("ijn,j->in", up_rotation, np.array(link.position_m))
+                rotation = _turned(up_rotation, np.array(link.matrix))
             if link.joint is not None and link.joint in angles:
-                rotation = rotation @ _hinge(np.array(link.axis), np.asarray(angles[link.joint], dtype=np.float64))
+                angle = np.asarray(angles[link.joint], dtype=np.float64)
+                rotation = _hinged(rotation, np.array(link.axis), angle)
             found[link.name] = (rotation, origin)
-        return found
+        return {name: (np.moveaxis(r, -1, 0), np.moveaxis(o, -1, 0)) for name, (r, o) in found.items()}
 
     def ancestry(self, bodies: Sequence[str]) -> set[str]:
         """Name bodies and everything they hang from."""
@@ -105,9 +107,28 @@ class Kinematics:
         )
 
 
-def _hinge(axis: Array, angle: Array) -> Array:
-    """Rotate by `angle` ``(n,)`` about one axis (Rodrigues' formula)."""
+def _turned(rotation: Array, matrix: Array) -> Array:
+    """Multiply rotations ``(3, 3, n)`` from the right by one constant matrix."""
+    if np.array_equal(matrix, np.eye(3)):
+        return rotation
+    return np.asarray(np.einsum("ijn,jk->ikn", rotation, matrix))
+
+
+def _hinged(rotation: Array, axis: Array, angle: Array) -> Array:
+    """Multiply rotations ``(3, 3, n)`` from the right by a turn of `angle` ``(n,)`` about one axis."""
+    sine, cosine = np.sin(angle), np.cos(angle)
+    main = int(np.argmax(np.abs(axis)))
+    if abs(axis[main]) == 1.0:
+        # About a coordinate axis only the other two columns change.
+        sine = sine * axis[main]
+        first, second = (main + 1) % 3, (main + 2) % 3
+        turned = np.empty((3, 3, len(angle)))
+        turned[:, main] = rotation[:, main]
+        turned[:, first] = cosine * rotation[:, first] + sine * rotation[:, second]
+        turned[:, second] = cosine * rotation[:, second] - sine * rotation[:, first]
+        return turned
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
+    # Rodrigues' formula.
+    hinge = np.eye(3)[:, :, None] + sine * cross[:, :, None] + (1.0 - cosine) * (cross @ cross)[:, :, None]
+    return np.asarray(np.einsum("ijn,jkn->ikn", rotation, hinge))

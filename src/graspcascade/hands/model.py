@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..poses import Pose
 from ..taxonomy import GraspType
-from .description import SHADOW_HAND, HandDescription
+from .description import SHADOW_HAND, HandDescription, Vector
 from .kinematics import Kinematics, Link
 
 Array = NDArray[np.float64]
@@ -21,7 +21,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PlacePoints:
-    """Hold contact places of n postures in the hand frame: points ``(n, 3)`` in metres, outward unit normals ``(n, 3)``."""
+    """Hold contact places of n postures in the hand frame.
+
+    Attributes:
+        point_m: ``(n, 3)`` metres.
+        normal: ``(n, 3)`` outward unit normals.
+    """
 
     point_m: Array
     normal: Array
@@ -56,7 +61,7 @@ class HandModel:
         return np.array([self.description.pregrasp_rad.get(name, 0.0) for name in self.joint_names])
 
     @cached_property
-    def _coupled_columns(self) -> Array:
+    def _coupled_columns(self) -> NDArray[np.int64]:
         pairs = self.description.coupled.values()
         return np.array([[self.joint_names.index(name) for name in pair] for pair in pairs])
 
@@ -101,14 +106,12 @@ class HandModel:
         """Locate fingertip centres ``(n, 3)`` by digit, metres in the hand frame."""
         wanted = {digit: self.description.tips[digit] for digit in digits}
         frames = self.frames(posture, [body for body, _ in wanted.values()])
-        return {
-            digit: frames[body][1] + frames[body][0] @ np.array(point) for digit, (body, point) in wanted.items()
-        }
+        return {digit: frames[body][1] + frames[body][0] @ np.array(point) for digit, (body, point) in wanted.items()}
 
     def tip_distance(self, posture: ArrayLike) -> Array:
         """Measure thumb tip to index tip ``(n,)`` in metres at these very angles."""
         tips = self.tips(posture, ["thumb", "index"])
-        return np.linalg.norm(tips["thumb"] - tips["index"], axis=-1)
+        return np.asarray(np.linalg.norm(tips["thumb"] - tips["index"], axis=-1))
 
     def grasp_size(self, posture: ArrayLike) -> Array:
         """Measure thumb tip to index tip ``(n,)`` of the posture executed without an object (paper, section V)."""
@@ -137,16 +140,19 @@ def load_spec(description: HandDescription) -> Any:
     try:
         spec = mujoco.MjSpec.from_file(str(description.mjcf))
     except (ValueError, OSError) as error:
-        raise InputError(f"cannot read hand model {description.mjcf}: {error}") from error
+        raise InputError(f"cannot read hand model {description.mjcf}: {_one_line(error)}") from error
     joints = {joint.name for joint in spec.joints}
     bodies = {body.name for body in spec.bodies}
     needed_joints = {*description.joint_names, *description.wrist_joints}
     needed_bodies = {description.hand_body, *description.digit_roots.values(), *description.palm_bodies}
     needed_bodies |= {place.body for place in description.places.values()}
+    needed_bodies |= {body for body, _ in description.tips.values()}
     missing = sorted(n for n in needed_joints if description.prefix + n not in joints)
     missing += sorted(n for n in needed_bodies if description.prefix + n not in bodies)
     if missing:
-        raise InputError(f"hand model {Path(description.mjcf).name} lacks {', '.join(missing)} (prefix {description.prefix!r})")
+        raise InputError(
+            f"hand model {Path(description.mjcf).name} lacks {', '.join(missing)} (prefix {description.prefix!r})"
+        )
     return spec
 
 
@@ -158,7 +164,11 @@ def load_hand(description: HandDescription) -> HandModel:
     """
     import mujoco
 
-    model = load_spec(description).compile()
+    spec = load_spec(description)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise InputError(f"cannot compile hand model {description.mjcf}: {_one_line(error)}") from error
     prefix = description.prefix
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -181,25 +191,38 @@ def _link(model: Any, body: int, hand: int, prefix: str) -> Link:
     import mujoco
 
     if model.body_jntnum[body] > 1 and body != hand:
-        raise InputError(f"body {model.body(body).name} has {model.body_jntnum[body]} joints; one hinge at most is supported")
+        raise InputError(
+            f"body {model.body(body).name} has {model.body_jntnum[body]} joints; one hinge at most is supported"
+        )
     name = model.body(body).name.removeprefix(prefix)
     if body == hand:
         return Link(name, None, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, model.body_quat[body])
-    joint, axis = None, (1.0, 0.0, 0.0)
+    joint, axis = None, np.array([1.0, 0.0, 0.0])
     if model.body_jntnum[body]:
         index = model.body_jntadr[body]
         joint = model.joint(index).name.removeprefix(prefix)
-        axis = tuple(float(v) for v in model.jnt_axis[index])
+        axis = model.jnt_axis[index]
+        if model.jnt_type[index] != mujoco.mjtJoint.mjJNT_HINGE or np.abs(model.jnt_pos[index]).max() > 1e-9:
+            raise InputError(f"joint {joint} is not a hinge at the origin of its body, which is all that is supported")
     return Link(
         name,
         model.body(model.body_parentid[body]).name.removeprefix(prefix),
-        tuple(float(v) for v in model.body_pos[body]),
+        _vector(model.body_pos[body]),
         tuple(tuple(float(v) for v in row) for row in matrix.reshape(3, 3)),
         joint,
-        axis,
+        _vector(axis),
     )
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = (float(v) for v in values)
+    return x, y, z
 
 
 @lru_cache(maxsize=1)

@@ -12,7 +12,6 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit
 
 from ..errors import InputError, unknown
 
@@ -86,7 +85,8 @@ def concentration(raw: ArrayLike) -> Array:
     Exponential far below the bound and bending smoothly into it: concentrations differ by orders of magnitude, which
     a network reaches in few steps on a log scale only, and a hard bound would hold whatever once ran into it.
     """
-    kappa: Array = KAPPA_FLOOR + KAPPA_MAX * expit(np.asarray(raw, dtype=np.float64) - LOG_KAPPA_MAX)
+    shifted = np.asarray(raw, dtype=np.float64) - LOG_KAPPA_MAX
+    kappa: Array = KAPPA_FLOOR + KAPPA_MAX * np.exp(-np.logaddexp(0.0, -shifted))
     return kappa
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ive
 
 from ..errors import InputError
 
@@ -26,6 +25,9 @@ def log_normaliser(kappa: ArrayLike) -> Array:
     Args:
         kappa: concentrations, any shape, ``>= 0``.
     """
+    # Only the densities need Bessel functions; sampling should not wait for scipy to load.
+    from scipy.special import ive
+
     kappa = np.asarray(kappa, dtype=np.float64)
     small = np.minimum(kappa, SERIES_BELOW) ** 2
     large = np.maximum(kappa, SERIES_BELOW)
@@ -43,6 +45,8 @@ def mean_resultant_length(kappa: ArrayLike) -> Array:
     Args:
         kappa: concentrations, any shape, ``>= 0``.
     """
+    from scipy.special import ive
+
     kappa = np.asarray(kappa, dtype=np.float64)
     small = np.minimum(kappa, SERIES_BELOW)
     square = small**2

@@ -40,7 +40,9 @@ def _jacobian(hand: HandModel, postures: Array, kind: GraspType) -> Array:
     columns = []
     for joint in range(n_joints):
         change = step * np.eye(n_joints)[joint]
-        columns.append((_geometry(hand, postures + change, kind) - _geometry(hand, postures - change, kind)) / (2 * step))
+        columns.append(
+            (_geometry(hand, postures + change, kind) - _geometry(hand, postures - change, kind)) / (2 * step)
+        )
     return np.stack(columns, axis=-1)
 
 

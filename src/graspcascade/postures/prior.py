@@ -27,7 +27,8 @@ _STAGE = "prior"
 PRIOR_TRAINING = TrainingSpec(
     epochs=600, batch_size=256, learning_rate=2e-3, metric_weight=1.0 / 0.002**2, validation_fraction=0.0
 )
-"""How the prior is trained unless told otherwise: a fingertip error of 2 mm counts as much as one standard deviation."""
+"""How the prior is trained unless told otherwise; a fingertip error of 2 mm counts as much as one standard deviation of
+a joint."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +66,15 @@ class PosturePrior:
         """Read a prior.
 
         Raises:
+            InputError: there is no such file.
             FileFormatError: the file is truncated, foreign or not a prior.
         """
         stored = load_decoders(Path(path))
         if _STAGE not in stored.decoders:
             raise FileFormatError(f"{path} holds {', '.join(stored.decoders)}, not a posture prior")
         metadata = dict(stored.metadata)
+        if "joint_names" not in metadata:
+            raise FileFormatError(f"{path} does not name its joints and is not a posture prior")
         return cls(tuple(metadata.pop("joint_names")), stored.decoders[_STAGE], metadata)
 
     @classmethod

@@ -94,7 +94,7 @@ def _solve(hand: HandModel, kind: GraspType, aperture_m: float, spec: SeedSpec, 
         step = 1e-6
         # All forward differences in one batch: the kinematics is vectorised over postures.
         moved = residuals(posture + step * np.concatenate([np.zeros((1, len(posture))), np.eye(len(posture))]))
-        return (moved[1:] - moved[0]).T / step
+        return np.asarray((moved[1:] - moved[0]).T / step)
 
     start = wished
     found = least_squares(

@@ -50,7 +50,7 @@ class Outcomes:
     @property
     def held(self) -> NDArray[np.bool_]:
         """Tell which grasps held."""
-        return self.verdict == "held"
+        return np.asarray(self.verdict == "held")
 
     def faithful(self, grasps: Grasps) -> NDArray[np.bool_]:
         """Tell which grasps held and touch every digit their type needs."""
@@ -79,6 +79,8 @@ class Outcomes:
     def __getitem__(self, rows: Any) -> Outcomes:
         """Select rows by slice, index array or mask; always a batch."""
         index = rows if isinstance(rows, slice) else np.atleast_1d(np.asarray(rows))
+        if not isinstance(index, slice) and index.size == 0 and index.dtype != np.bool_:
+            index = index.astype(np.intp)  # numpy reads an empty list as floats, which cannot index
         return Outcomes.from_columns({k: v[index] for k, v in self.columns().items()})
 
     @classmethod

@@ -74,9 +74,9 @@ class Protocol:
 
     @cached_property
     def closing_fraction(self) -> NDArray[np.float64]:
-        """Give the way from pregrasp (0) to posture (1) of the targets in force during each step, ``(total_steps,)``."""
+        """Give the targets' way from pregrasp (0) to posture (1) in force during each step, ``(total_steps,)``."""
         steps = np.arange(1, self.total_steps + 1)
-        return np.minimum(steps * self.time_step_s / self.close_s, 1.0)
+        return np.asarray(np.minimum(steps * self.time_step_s / self.close_s, 1.0))
 
     @cached_property
     def gravity(self) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import lru_cache
+from math import gcd
 from typing import Any
 
 import mujoco
@@ -11,6 +12,7 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..grasps import Grasps
 from ..hands import SHADOW_HAND, HandDescription, load_hand
 from ..objects import CATALOGUE, grasp_object
@@ -18,14 +20,14 @@ from ..poses import canonical_quat
 from ..taxonomy import DIGITS
 from .outcomes import Outcomes
 from .protocol import PAPER, Protocol
-from .settled import SettledRule
 from .scene import Scene, build_scene
 
 _THUMB = DIGITS.index("thumb")
-_CHECK_STEPS = 5
-"""Steps between two looks at the object; a trial is decided within this many steps of what decides it."""
+CHECK_STEPS = 5
+"""Most steps between two looks at the object; a trial is decided within this many steps of what decides it."""
 
 Progress = Callable[[int], None]
+Observer = Callable[[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]], None]
 
 
 def run(
@@ -36,7 +38,7 @@ def run(
     n_threads: int = 0,
     n_slots: int = 256,
     reduced: bool = True,
-    settled: SettledRule | None = None,
+    observe: Observer | None = None,
     progress: Progress | None = None,
 ) -> Outcomes:
     """Execute every grasp in physics.
@@ -50,7 +52,8 @@ def run(
         n_threads: simulation threads, 0 for all processors.
         n_slots: trials in flight.
         reduced: see `build_scene`.
-        settled: end trials that this rule finds settled, for data collection; None runs every hold to its end.
+        observe: called every `CHECK_STEPS` steps with the rows being simulated ``(k,)``, their step counts ``(k,)``,
+            joint angles ``(k, J)`` in the order of the grasps' joints, and object poses ``(k, 7)`` (position, wxyz).
         progress: called with the number of trials decided since the last call.
 
     Returns:
@@ -58,7 +61,7 @@ def run(
     """
     outcomes = Outcomes.blank(len(grasps), len(hand.joint_names))
     if len(grasps):
-        runner = _Runner(grasps, protocol, hand, n_threads, min(n_slots, len(grasps)), reduced, settled, outcomes)
+        runner = _Runner(grasps, protocol, hand, n_threads, min(n_slots, len(grasps)), reduced, observe, outcomes)
         runner.run(progress)
     return outcomes
 
@@ -73,13 +76,12 @@ class _ByName:
 
     def __init__(self, hand: HandDescription) -> None:
         self.hand = hand
-        self._key = (hand.name, str(hand.mjcf), hand.prefix)
 
     def __hash__(self) -> int:
-        return hash(self._key)
+        return hash((self.hand.name, self.hand.mjcf, self.hand.prefix))
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByName) and self._key == other._key
+        return isinstance(other, _ByName) and self.hand == other.hand
 
 
 class _ObjectFields:
@@ -122,10 +124,10 @@ class _Runner:
         n_threads: int,
         n_slots: int,
         reduced: bool,
-        settled: SettledRule | None,
+        observe: Observer | None,
         outcomes: Outcomes,
     ) -> None:
-        self.settled = settled
+        self.observe = observe
         self.grasps, self.protocol, self.outcomes = grasps, protocol, outcomes
         self.hand_model = load_hand(hand)
         key = _ByName(hand)
@@ -142,7 +144,16 @@ class _Runner:
         self._sensors_on = int(self.scene.model.opt.disableflags)
         self.disabled[:] = self._sensors_off
 
+        # A look must fall on the end of every phase, whatever the time step.
+        self.check_steps = gcd(CHECK_STEPS, protocol.closing_steps, protocol.shake_steps, protocol.total_steps)
+        absent = [name for name in hand.joint_names if name not in grasps.joint_names]
+        if absent:
+            raise InputError(f"the grasps lack joints of {hand.name}: {', '.join(absent)}")
+        foreign = [name for name in grasps.joint_names if name not in hand.joint_names]
+        if foreign:
+            raise InputError(f"{hand.name} has no joints {', '.join(foreign)}")
         order = [list(grasps.joint_names).index(name) for name in hand.joint_names]
+        self.to_grasps = np.argsort(order)
         self.pregrasp = self.hand_model.clip(grasps.pregrasp[:, order])
         limits = self.scene.model.actuator_ctrlrange
         self.control_from = np.clip(self.pregrasp @ self.scene.control_map, limits[:, 0], limits[:, 1])
@@ -152,7 +163,6 @@ class _Runner:
         self.trial = np.full(n_slots, -1)
         self.step = np.zeros(n_slots, dtype=np.int64)
         self.centre = np.zeros((n_slots, 3))
-        self.earlier = np.zeros((n_slots, 7))
         self.object_slice = slice(self.scene.object_qpos, self.scene.object_qpos + 3)
 
     def run(self, progress: Progress | None) -> None:
@@ -160,6 +170,8 @@ class _Runner:
         self._fill(np.arange(len(self.trial)), queue, progress)
         while (active := np.flatnonzero(self.trial >= 0)).size:
             self._advance(active)
+            if self.observe is not None:
+                self._show(active)
             decided = self._judge(active)
             if decided.size:
                 if progress is not None:
@@ -189,8 +201,8 @@ class _Runner:
         for slot, trial in zip(slots, trials, strict=True):
             self.objects.write(slot, str(self.grasps.object_label[trial]))
         self.gravity[slots] = 0.0
+        self.centre[slots] = np.nan
         self.step[slots] = 0
-        self.earlier[slots] = np.inf
         rows = slots[:, None]
         self.qpos[rows, self.scene.joint_qpos] = self.pregrasp[trials]
         pose = self.grasps.X_hand_object
@@ -201,7 +213,7 @@ class _Runner:
         self._read_contacts(slots)
         adr = self.scene.overlap_sensor
         overlap = (self.sensors[slots, adr] > 0) & (self.sensors[slots, adr + 1] < -self.protocol.overlap_m)
-        failed = slots[overlap]
+        failed = np.asarray(slots[overlap])
         self._decide(failed, np.full(len(failed), "overlap"))
         return failed
 
@@ -214,24 +226,30 @@ class _Runner:
         return np.stack(counts, axis=1) > 0
 
     def _advance(self, active: NDArray[Any]) -> None:
-        """Step every active slot `_CHECK_STEPS` times, with per-step inputs only where they change."""
+        """Step every active slot `check_steps` times, with per-step inputs only where they change."""
         first_constant = self.protocol.closing_steps + self.protocol.shake_steps
         steady = self.step[active] >= first_constant
         if steady.any():
-            self.batch.step(ids=active[steady], nstep=_CHECK_STEPS)
+            self.batch.step(ids=active[steady], nstep=self.check_steps)
         moving = active[~steady]
         if moving.size:
             trials = self.trial[moving]
             start, change = self.control_from[trials], self.control_to[trials] - self.control_from[trials]
-            for offset in range(_CHECK_STEPS):
+            for offset in range(self.check_steps):
                 step = self.step[moving] + offset
                 self.ctrl[moving] = start + self.protocol.closing_fraction[step][:, None] * change
                 self.gravity[moving] = self.protocol.gravity[step]
                 self.batch.step(ids=moving)
-        self.step[active] += _CHECK_STEPS
+        self.step[active] += self.check_steps
         entering = active[self.step[active] == first_constant]
         if entering.size:
             self.gravity[entering] = self.protocol.gravity[-1]
+
+    def _show(self, active: NDArray[Any]) -> None:
+        start = self.scene.object_qpos
+        posture = self.qpos[active][:, self.scene.joint_qpos][:, self.to_grasps]
+        assert self.observe is not None
+        self.observe(self.trial[active], self.step[active], posture, self.qpos[active, start : start + 7])
 
     def _judge(self, active: NDArray[Any]) -> NDArray[Any]:
         """Decide what can be decided; return the slots that became free."""
@@ -248,41 +266,13 @@ class _Runner:
         shaking = self.step[gone] <= closing + self.protocol.shake_steps
         self._decide(gone, np.where(shaking, "shaken_out", "dropped"))
 
-        staying = held[away <= self.protocol.displacement_m]
-        finished = staying[self.step[staying] >= total]
+        finished = held[(self.step[held] >= total) & (away <= self.protocol.displacement_m)]
         if finished.size:
             touching = self._read_contacts(finished)
             success = _opposed(touching)
             self.outcomes.touching_end[self.trial[finished]] = touching & success[:, None]
             self._decide(finished, np.where(success, "held", "dropped"))
-        early = self._judge_settled(staying[self.step[staying] < total])
-        return np.sort(np.concatenate([active[broken], missed, gone, finished, early]))
-
-    def _judge_settled(self, slots: NDArray[Any]) -> NDArray[Any]:
-        """Decide holds that the settled rule says will last; return the slots that became free."""
-        rule = self.settled
-        if rule is None:
-            return slots[:0]
-        under_weight = (self.step[slots] - self.protocol.closing_steps - self.protocol.shake_steps) * (
-            self.protocol.time_step_s
-        )
-        slots = slots[rule.is_due(under_weight, _CHECK_STEPS * self.protocol.time_step_s)]
-        if not slots.size:
-            return slots
-        start = self.scene.object_qpos
-        pose, earlier = self.qpos[slots, start : start + 7], self.earlier[slots]
-        self.earlier[slots] = pose
-        left_s = (self.protocol.total_steps - self.step[slots]) * self.protocol.time_step_s
-        moved = np.linalg.norm(pose[:, :3] - self.centre[slots], axis=1)
-        still = rule.is_still(earlier, pose, moved, left_s)
-        slots = slots[still]
-        if slots.size:
-            touching = self._read_contacts(slots)
-            lasting = _opposed(touching)
-            slots = slots[lasting]
-            self.outcomes.touching_end[self.trial[slots]] = touching[lasting]
-            self._decide(slots, np.full(len(slots), "held"))
-        return slots
+        return np.sort(np.concatenate([active[broken], missed, gone, finished]))
 
     def _judge_closing(self, slots: NDArray[Any]) -> NDArray[Any]:
         """Record the settled state of trials that just closed; return those that missed the object."""
@@ -293,7 +283,7 @@ class _Runner:
         settled = self.qpos[slots][:, self.scene.joint_qpos]
         self.centre[slots] = self.qpos[slots, self.object_slice]
         self.outcomes.touching_closed[trials] = touching
-        self.outcomes.settled_posture[trials] = settled
+        self.outcomes.settled_posture[trials] = settled[:, self.to_grasps]
         self.outcomes.object_size_m[trials] = self.hand_model.tip_distance(settled)
         self.outcomes.X_hand_object_settled.position_m[trials] = self.centre[slots]
         start = self.scene.object_qpos
@@ -312,5 +302,3 @@ class _Runner:
         moved = np.linalg.norm(self.qpos[slots, self.object_slice] - self.centre[slots], axis=1)
         self.outcomes.displacement_m[trials[closed]] = moved[closed]
         self.trial[slots] = -1
-
-

@@ -28,7 +28,8 @@ class Scene:
         model: the compiled MuJoCo model.
         joint_qpos: ``(J,)`` addresses of the posture's joints in qpos.
         object_qpos: address of the object's seven numbers (position, wxyz) in qpos.
-        control_map: ``(J, n_actuators)``; posture times this gives the actuators' targets (a tendon takes its joints' sum).
+        control_map: ``(J, n_actuators)``; posture times this gives the actuators' targets (a tendon takes its joints'
+            sum).
         touch_sensors: for each of `TOUCH_COLUMNS` the addresses of its contact counters in sensordata.
         overlap_sensor: address of the count and the smallest signed distance of hand-object contacts.
     """

@@ -1,0 +1,184 @@
+"""`GraspSampler`: grasps of an asked type, object and side from a trained cascade, with numpy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..candidates import draw_sides, opposition_points
+from ..errors import FileFormatError, InputError, unknown
+from ..grasps import Grasps
+from ..hands import HandModel, hand_from_json, hand_to_json
+from ..nets import NumpyDecoder, load_decoders, save_decoders
+from ..objects import grasp_object
+from ..poses import Pose, canonical_quat
+from ..taxonomy import grasp_type
+from .encoding import Request, condition_matrix, encode_posture, encode_request, split_targets
+from .frames import frame_between
+from .sizes import SizeMode, SizeRule
+from .stages import Factorization, factorization_from_json
+
+WEIGHTS_FILE = "cascade.safetensors"
+_KIND = "grasp cascade"
+
+
+@dataclass(frozen=True, eq=False)
+class GraspSampler:
+    """Sample grasps stage by stage: posture, then position, then rotation.
+
+    Attributes:
+        name: the factorization's name.
+        hand: geometry of the hand it was trained for.
+        factorization: its stages.
+        decoders: the trained decoder of each stage.
+        sizes: which sizes to ask for.
+        metadata: what it was trained on and how.
+        size_mode: how sizes are chosen from `sizes`.
+    """
+
+    name: str
+    hand: HandModel
+    factorization: Factorization
+    decoders: Mapping[str, NumpyDecoder]
+    sizes: SizeRule
+    metadata: dict[str, Any]
+    size_mode: SizeMode = "median"
+
+    @classmethod
+    def pretrained(cls, name: str = "default") -> GraspSampler:
+        """Load a cascade shipped with the package.
+
+        Raises:
+            InputError: no cascade of that name is shipped.
+        """
+        shipped = {folder.name for folder in (files("graspcascade.cascade") / "weights").iterdir() if folder.is_dir()}
+        chosen = DEFAULT if name == "default" else name
+        if chosen not in shipped:
+            raise unknown("model", name, ["default", *sorted(shipped)])
+        return cls.load(str(files("graspcascade.cascade") / "weights" / chosen))
+
+    @classmethod
+    def load(cls, folder: Path | str) -> GraspSampler:
+        """Load a trained cascade from its folder (or weights file).
+
+        Raises:
+            InputError: there is no such folder or file.
+            FileFormatError: the file is truncated, foreign or not a grasp cascade.
+        """
+        path = Path(folder)
+        if path.is_dir():
+            path = path / WEIGHTS_FILE
+        stored = load_decoders(path)
+        about = dict(stored.metadata)
+        if about.get("kind") != _KIND:
+            raise FileFormatError(f"{path} holds no grasp cascade")
+        try:
+            factorization = factorization_from_json(about["factorization"])
+            sizes = SizeRule(**about["sizes"])
+            hand = hand_from_json(about["hand"])
+            missing = [stage.name for stage in factorization.stages if stage.name not in stored.decoders]
+        except (KeyError, TypeError) as error:
+            raise FileFormatError(f"{path} lacks or garbles {error}") from error
+        if missing:
+            raise FileFormatError(f"{path} lacks the weights of stage {', '.join(missing)}")
+        return cls(factorization.name, hand, factorization, stored.decoders, sizes, about["training"])
+
+    def save(self, folder: Path | str) -> None:
+        """Write one safetensors file whose header carries stages, hand geometry, sizes and training as JSON.
+
+        Angles are radians and lengths metres; poses are of the object in the hand frame or, where the factorization
+        says so, in the opposition frame; quaternions are wxyz.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        metadata = {
+            "kind": _KIND,
+            "factorization": asdict(self.factorization),
+            "sizes": self.sizes.to_json(),
+            "hand": hand_to_json(self.hand),
+            "training": self.metadata,
+        }
+        save_decoders(folder / WEIGHTS_FILE, self.decoders, metadata)
+
+    def sample(
+        self, grasp_type_name: str, object_label: str, side_axis: str | None = None, n: int = 10, seed: int = 0
+    ) -> Grasps:
+        """Draw n grasps; the same arguments give the same grasps.
+
+        Args:
+            grasp_type_name: name of a grasp type.
+            object_label: label of a catalogue object.
+            side_axis: body axis to hold it by, or None to draw among the graspable sides.
+            n: how many.
+            seed: seed of all draws.
+
+        Raises:
+            InputError: an unknown name, a side that cannot be held, n < 1 or a negative seed.
+        """
+        kind, obj = grasp_type(grasp_type_name), grasp_object(object_label)
+        if n < 1:
+            raise InputError(f"n must be at least 1, got {n}")
+        if seed < 0:
+            raise InputError(f"seed must not be negative, got {seed}")
+        rng = np.random.default_rng(seed)
+        labels = np.full(n, obj.label)
+        axes = draw_sides(labels, rng) if side_axis is None else np.full(n, obj.side_axis(side_axis))
+        return self.sample_rows(np.full(n, kind.name), labels, axes, rng)
+
+    def sample_rows(
+        self, grasp_types: ArrayLike, object_labels: ArrayLike, side_axes: ArrayLike, rng: np.random.Generator
+    ) -> Grasps:
+        """Draw one grasp for each row of types, objects and (canonical) side axes."""
+        request = self._request(grasp_types, object_labels, side_axes, rng)
+        quantities: dict[Any, NDArray[np.float64]] = dict(encode_request(request))
+        found: dict[Any, NDArray[np.float64]] = {}
+        for stage in self.factorization.stages:
+            values = self.decoders[stage.name].sample(condition_matrix(stage, quantities), rng)
+            found |= split_targets(stage, values, len(self.hand.joint_names))
+            if "posture" in stage.targets:
+                found["posture"] = self.hand.executed(found["posture"])
+                thumb, other = opposition_points(self.hand, found["posture"], request.grasp_type)
+                quantities["posture"] = encode_posture(found["posture"], thumb, other)
+            if "position" in stage.targets:
+                quantities["position"] = found["position"]
+        frame = frame_between(thumb, other, self.factorization.frame)
+        return self._grasps(
+            request, found["posture"], frame @ Pose(found["position"], canonical_quat(found["rotation"]))
+        )
+
+    def _request(
+        self, grasp_types: ArrayLike, object_labels: ArrayLike, side_axes: ArrayLike, rng: np.random.Generator
+    ) -> Request:
+        types, labels, axes = (np.asarray(v, dtype=str) for v in (grasp_types, object_labels, side_axes))
+        sides = np.empty(len(types))
+        for label in np.unique(labels):
+            for axis, side in grasp_object(str(label)).sides_m.items():
+                sides[(labels == label) & (axes == axis)] = side
+        unsized = Request(types, labels, axes, sides, np.full(len(sides), np.nan), np.full(len(sides), np.nan))
+        grasp_size, object_size = self.sizes.apply(unsized, self.size_mode, rng)
+        return replace(unsized, grasp_size_m=grasp_size, object_size_m=object_size)
+
+    def _grasps(self, request: Request, posture: NDArray[np.float64], X_hand_object: Pose) -> Grasps:
+        return Grasps(
+            joint_names=self.hand.joint_names,
+            grasp_type=request.grasp_type,
+            object_label=request.object_label,
+            side_axis=request.side_axis,
+            side_m=request.side_m,
+            posture=posture,
+            pregrasp=np.broadcast_to(self.hand.pregrasp, posture.shape).copy(),
+            X_hand_object=X_hand_object,
+            grasp_size_m=self.hand.grasp_size(posture),
+            object_size_m=request.object_size_m,
+            probability=np.full(len(posture), np.nan),
+        )
+
+
+DEFAULT = "model3"
+"""The shipped cascade that `GraspSampler.pretrained()` loads."""

@@ -1,0 +1,153 @@
+"""Stages and factorizations as data: what each conditional VAE generates, and from what.
+
+The paper's models 1 to 3, its plain-network rotation head and its variants 1 to 7 (Tables I to III) are values here;
+nothing else in the package tells them apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from ..errors import unknown
+
+Target = Literal["posture", "position", "rotation"]
+Quantity = Literal["posture", "position", "grasp_type", "grasp_size", "object_type", "object_size"]
+Frame = Literal["opposition", "hand"]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Describe one conditional VAE of a cascade.
+
+    Attributes:
+        name: names its tensors and its training curve.
+        targets: what it generates, in the order of its outputs.
+        given: the quantities it is conditioned on; earlier stages' targets by their names.
+        rotation_head: "vmf" draws rotations from a von Mises-Fisher distribution, "unit" normalises a plain output.
+        latent_dim: length of the latent vector.
+        hidden: widths of the hidden layers.
+        kl_weight: weight of the divergence term.
+    """
+
+    name: str
+    targets: tuple[Target, ...]
+    given: tuple[Quantity, ...]
+    rotation_head: Literal["vmf", "unit"] = "vmf"
+    latent_dim: int = 4
+    hidden: tuple[int, ...] = (256, 256)
+    kl_weight: float = 0.5
+
+
+@dataclass(frozen=True)
+class Factorization:
+    """Describe how the distribution of grasps is divided into stages.
+
+    Attributes:
+        name: identifier on the command line and in files.
+        stages: in sampling order.
+        frame: poses are learned relative to the "opposition" frame, which forward kinematics gives for every posture,
+            or in the "hand" frame.
+        source: the table row of the paper it reproduces.
+    """
+
+    name: str
+    stages: tuple[Stage, ...]
+    frame: Frame = "opposition"
+    source: str = ""
+
+
+_ALL: tuple[Quantity, ...] = ("grasp_type", "grasp_size", "object_type", "object_size")
+_POSTURE = Stage("posture", ("posture",), ("grasp_type", "grasp_size", "object_type"), latent_dim=10)
+
+
+def _three_stages(
+    name: str,
+    position: tuple[Quantity, ...],
+    rotation: tuple[Quantity, ...],
+    source: str,
+    *,
+    rotation_head: Literal["vmf", "unit"] = "vmf",
+    frame: Frame = "opposition",
+) -> Factorization:
+    return Factorization(
+        name,
+        (
+            _POSTURE,
+            Stage("position", ("position",), ("posture", *position), hidden=(64, 64)),
+            Stage("rotation", ("rotation",), ("position", "posture", *rotation), rotation_head=rotation_head),
+        ),
+        frame,
+        source,
+    )
+
+
+_VALUES = (
+    Factorization(
+        "model1", (Stage("grasp", ("posture", "position", "rotation"), _ALL, latent_dim=14),), source="Table I"
+    ),
+    Factorization(
+        "model2",
+        (_POSTURE, Stage("pose", ("position", "rotation"), ("posture", *_ALL), latent_dim=6)),
+        source="Table I",
+    ),
+    _three_stages("model3", _ALL, _ALL, "Tables I and II, Table III variant 1"),
+    _three_stages("model3_hand_frame", _ALL, _ALL, "model3 with poses learned in the hand frame", frame="hand"),
+    _three_stages("plain_rotation", _ALL, _ALL, "Table II", rotation_head="unit"),
+    _three_stages("variant2", _ALL, ("grasp_type", "object_type", "object_size"), "Table III"),
+    _three_stages(
+        "variant3",
+        ("grasp_type", "grasp_size", "object_type"),
+        ("grasp_type", "object_type", "object_size"),
+        "Table III",
+    ),
+    _three_stages(
+        "variant4",
+        ("grasp_type", "object_type", "object_size"),
+        ("grasp_type", "object_type", "object_size"),
+        "Table III",
+    ),
+    _three_stages("variant5", ("grasp_type", "object_type"), ("grasp_type", "object_type"), "Table III"),
+    _three_stages(
+        "variant6",
+        ("grasp_size", "object_type", "object_size"),
+        ("grasp_size", "object_type", "object_size"),
+        "Table III",
+    ),
+    _three_stages(
+        "variant7",
+        ("grasp_type", "grasp_size", "object_size"),
+        ("grasp_type", "grasp_size", "object_size"),
+        "Table III",
+    ),
+)
+
+FACTORIZATIONS: Mapping[str, Factorization] = {value.name: value for value in _VALUES}
+"""Every factorization by name."""
+
+
+def factorization(name: str) -> Factorization:
+    """Look up a factorization.
+
+    Raises:
+        InputError: the name is not one of `FACTORIZATIONS`.
+    """
+    if name not in FACTORIZATIONS:
+        raise unknown("factorization", name, FACTORIZATIONS)
+    return FACTORIZATIONS[name]
+
+
+def factorization_from_json(data: dict[str, Any]) -> Factorization:
+    """Rebuild a factorization from `dataclasses.asdict`, also after a way through JSON.
+
+    Raises:
+        KeyError, TypeError: a field is missing or unknown.
+    """
+
+    def stage(fields: dict[str, Any]) -> Stage:
+        named: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
+        return Stage(**named)
+
+    stages = tuple(stage(fields) for fields in data["stages"])
+    return Factorization(data["name"], stages, data["frame"], data["source"])

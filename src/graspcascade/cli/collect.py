@@ -1,0 +1,81 @@
+"""``graspcascade collect``: a dataset of trials."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..dataset import CollectionSpec, collect
+from ..dataset.collect import CollectionState
+from ..hands import shadow_hand
+from ..objects import CATALOGUE
+from ..postures import PosturePrior
+from ..taxonomy import GRASP_TYPES
+from .console import at_least, bar, percent, print_json
+from .needs import need
+
+
+@dataclass(frozen=True)
+class Collect:
+    """Collect trials of the heuristic's candidates; run again with the same arguments to go on."""
+
+    out: Path
+    """Folder of the dataset."""
+    spec: CollectionSpec = field(default_factory=CollectionSpec)
+    """How much."""
+    prior: Path | None = None
+    """Posture prior (.safetensors); the shipped one without it."""
+    threads: int = 0
+    """Simulation threads, 0 for all processors."""
+    json: bool = False
+    """Print JSON."""
+
+    def run(self) -> None:
+        """Collect, then say how much there is."""
+        need("pyarrow")
+        at_least("seed", self.spec.seed, 0)
+        at_least("threads", self.threads, 0)
+        prior = PosturePrior.pretrained() if self.prior is None else PosturePrior.load(self.prior)
+        with bar("trials", self._target) as progress:
+
+            def report(state: CollectionState) -> None:
+                progress.show(self._done(state), note=f"held {_rate(state)}")
+
+            state = collect(
+                shadow_hand(),
+                prior,
+                self.spec,
+                self.out,
+                n_threads=self.threads,
+                progress=report,
+                tick=progress.advance,
+            )
+        trials, held, faithful = (int(counts.sum()) for counts in (state.trials, state.held, state.faithful))
+        if self.json:
+            counts = {"rounds": state.rounds, "trials": trials, "held": held, "faithful": faithful}
+            print_json({"out": str(self.out), "protocol": "paper", **counts, "collection": asdict(self.spec)})
+        else:
+            print(
+                f"{self.out}: {trials} screened trials under protocol paper, {held} held ({_rate(state)}), "
+                f"{faithful} type-faithful"
+            )
+
+    @property
+    def _goal(self) -> tuple[str, int]:
+        trials, held = self.spec.trials_per_cell, self.spec.successes_per_cell
+        return ("trials", trials) if trials >= held else ("held", held)
+
+    @property
+    def _target(self) -> int:
+        return self._goal[1] * len(CATALOGUE) * len(GRASP_TYPES)
+
+    def _done(self, state: CollectionState) -> int:
+        what, per_cell = self._goal
+        return int(np.minimum(getattr(state, what), per_cell).sum())
+
+
+def _rate(state: CollectionState) -> str:
+    trials = int(state.trials.sum())
+    return percent(int(state.held.sum()) / trials if trials else None)

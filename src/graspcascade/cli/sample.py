@@ -1,0 +1,114 @@
+"""``graspcascade sample``: grasps from a trained cascade."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from ..errors import InputError
+from ..formats import GraspDocument, check_target, document_to_json, save_grasps
+from ..grasps import Grasps
+from ..objects import grasp_object
+from ..poses import Pose
+from .console import at_least, print_json, print_table
+from .models import load_sampler
+
+PoseNumbers = tuple[float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Sample grasps of a type for an object from a trained cascade.
+
+    Prints a summary, or with --out writes the grasps to a file (.json or .parquet).
+    """
+
+    grasp_type: Annotated[Positional[str], arg(metavar="TYPE")]
+    """Grasp type: tripod, palmar_pinch, parallel_extension, writing_tripod, lateral_tripod or tip_pinch."""
+    object_label: Annotated[Positional[str], arg(metavar="OBJECT")]
+    """Catalogue label, such as box_medium; `graspcascade objects` lists them."""
+    side_cm: float | None = None
+    """Length in cm of the side to hold; without a side, each grasp draws one of the graspable sides."""
+    side_axis: str | None = None
+    """The side to hold by its body axis (x, y or z) instead of its length."""
+    n: int = 10
+    """Number of grasps."""
+    seed: int = 0
+    """Seed of the draws: the same seed gives the same grasps."""
+    object_pose: Annotated[PoseNumbers | None, arg(metavar="X Y Z QW QX QY QZ")] = None
+    """Object pose in the world, metres and a unit quaternion: also gives the hand's pose in the world."""
+    out: Path | None = None
+    """File to write, .json or .parquet."""
+    model: str = "default"
+    """Name of a shipped cascade, or the folder of a trained one."""
+    json: bool = False
+    """Print the grasps as JSON, as in a .json file."""
+
+    def run(self) -> None:
+        """Sample, then print or write."""
+        at_least("n", self.n, 1)
+        at_least("seed", self.seed, 0)
+        if self.side_cm is not None and self.side_axis is not None:
+            raise InputError("give --side-cm or --side-axis, not both")
+        if self.out is not None:
+            check_target(self.out)
+        placed = None if self.object_pose is None else Pose.of(self.object_pose[:3], self.object_pose[3:])
+        axis = self.side_axis
+        if self.side_cm is not None:
+            axis = grasp_object(self.object_label).side_axis_of_length(self.side_cm / 100)
+        sampler = load_sampler(self.model)
+        grasps = sampler.sample(self.grasp_type, self.object_label, axis, self.n, self.seed)
+        metadata = self._metadata(sampler.name, sampler.hand.description.name)
+        if self.out is not None:
+            save_grasps(self.out, grasps, metadata=metadata, X_world_object=placed)
+        if self.json:
+            print_json(document_to_json(GraspDocument(grasps, metadata, placed)))
+        elif self.out is not None:
+            print(f"wrote {len(grasps)} grasps to {self.out}")
+        else:
+            _print_summary(grasps, placed)
+
+    def _metadata(self, model: str, hand: str) -> dict[str, Any]:
+        asked: dict[str, Any] = {"grasp_type": self.grasp_type, "object": self.object_label}
+        asked |= {"side_cm": self.side_cm, "side_axis": self.side_axis, "n": self.n, "seed": self.seed}
+        versions = {"graspcascade": version("graspcascade"), "numpy": np.__version__}
+        return {"source": "cascade", "model": model, "hand": hand, "asked": asked, "versions": versions}
+
+
+def _print_summary(grasps: Grasps, placed: Pose | None) -> None:
+    print(f"{grasps.grasp_type[0]} grasps of {grasps.object_label[0]}; the object in the hand (palm) frame:")
+    pose = grasps.X_hand_object
+    rows = [
+        [
+            str(i),
+            f"{grasps.side_axis[i]} {grasps.side_m[i] * 100:g}",
+            f"{grasps.grasp_size_m[i] * 100:.1f}",
+            _chance(float(grasps.probability[i])),
+            _numbers(pose.position_m[i] * 1000, "6.1f"),
+            _numbers(pose.quat_wxyz[i], "6.3f"),
+        ]
+        for i in range(len(grasps))
+    ]
+    print_table(["#", "side\ncm", "grasp\ncm", "P(hold)", "position mm\n(x y z)", "quaternion\n(w x y z)"], rows)
+    if placed is not None:
+        hand = grasps.hand_pose(placed)
+        print("hand (palm) frame in the world, for the object pose given:")
+        rows = [
+            [str(i), _numbers(hand.position_m[i], "7.4f"), _numbers(hand.quat_wxyz[i], "6.3f")]
+            for i in range(len(grasps))
+        ]
+        print_table(["#", "position m (x y z)", "quaternion (w x y z)"], rows)
+    print("Joint angles: --json prints them, --out FILE.json writes them.")
+
+
+def _numbers(values: np.ndarray[Any, np.dtype[np.float64]], form: str) -> str:
+    return " ".join(format(float(value), form) for value in values)
+
+
+def _chance(probability: float) -> str:
+    return "-" if np.isnan(probability) else f"{probability:.2f}"

@@ -1,0 +1,55 @@
+"""Markdown tables and the wording of rates in them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from .intervals import Difference, Interval
+
+MISSING = "—"
+"""Stands where there is no number."""
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, text_columns: int = 1) -> str:
+    """Write a table whose first columns are text and whose others are numbers, aligned right."""
+    rule = ["---" if column < text_columns else "---:" for column in range(len(header))]
+    escaped = [[cell.replace("|", "\\|").replace("\n", " ") for cell in row] for row in rows]
+    return "\n".join(f"| {' | '.join(row)} |" for row in [list(header), rule, *escaped])
+
+
+def percent(share: float) -> str:
+    """Word a share in per cent, one decimal; NaN is a dash."""
+    return MISSING if math.isnan(share) else f"{100 * share:.1f}"
+
+
+def rate(interval: Interval) -> str:
+    """Word a rate and its interval: ``46.0 % [43.1, 48.9]``."""
+    if math.isnan(interval.rate):
+        return MISSING
+    return f"{percent(interval.rate)} % [{percent(interval.low)}, {percent(interval.high)}]"
+
+
+def points(difference: Difference) -> str:
+    """Word a difference in percentage points and its interval: ``+12.5 [+8.1, +16.8]``."""
+    if math.isnan(difference.difference):
+        return MISSING
+    value, low, high = (f"{100 * x:+.1f}" for x in (difference.difference, difference.low, difference.high))
+    return f"{value} [{low}, {high}]"
+
+
+def plain(value: Any) -> str:
+    """Word a JSON value; rates with their intervals as `rate` does."""
+    if isinstance(value, Mapping) and value.keys() == {"rate", "low", "high"}:
+        known = {key: math.nan if number is None else float(number) for key, number in value.items()}
+        return rate(Interval(**known))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None:
+        return MISSING
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list):
+        return ", ".join(plain(item) for item in value)
+    return str(value)

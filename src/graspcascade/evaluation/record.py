@@ -1,0 +1,247 @@
+"""`Evaluation`: what a run found, cell by cell, and its JSON file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from ..errors import FileFormatError
+from ..trials import VERDICTS, Protocol
+from .files import read_json, write_text
+from .intervals import Interval, wilson
+
+KIND = "graspcascade evaluation"
+"""Marks the JSON of an evaluation among other files."""
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Count trials by verdict.
+
+    Attributes:
+        verdicts: trials by verdict, every one of `trials.VERDICTS`.
+        faithful: held trials in which every digit of the type touched the object.
+    """
+
+    verdicts: Mapping[str, int]
+    faithful: int
+
+    def __post_init__(self) -> None:
+        """Check the counts.
+
+        Raises:
+            ValueError: other verdicts, a negative count, or more faithful than held trials.
+        """
+        if tuple(self.verdicts) != VERDICTS or min(self.verdicts.values()) < 0:
+            raise ValueError(f"a tally needs a count of each of {', '.join(VERDICTS)}, got {dict(self.verdicts)}")
+        if not 0 <= self.faithful <= self.held:
+            raise ValueError(f"{self.faithful} of {self.held} held trials cannot be type-faithful")
+
+    @property
+    def n(self) -> int:
+        """Count the trials."""
+        return sum(self.verdicts.values())
+
+    @property
+    def held(self) -> int:
+        """Count the held trials."""
+        return self.verdicts["held"]
+
+    @property
+    def held_rate(self) -> Interval:
+        """Give the share of trials that held."""
+        return wilson(self.held, self.n)
+
+    @property
+    def faithful_rate(self) -> Interval:
+        """Give the share of trials that held and were type-faithful."""
+        return wilson(self.faithful, self.n)
+
+    @property
+    def faithful_of_held(self) -> Interval:
+        """Give the share of held trials that were type-faithful."""
+        return wilson(self.faithful, self.held)
+
+
+@dataclass(frozen=True)
+class Cell(Tally):
+    """Count the trials of one object and one grasp type."""
+
+    grasp_type: str
+    object_label: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Give names and counts."""
+        return {
+            "grasp_type": self.grasp_type,
+            "object": self.object_label,
+            "n": self.n,
+            "held": self.held,
+            "faithful": self.faithful,
+            "verdicts": dict(self.verdicts),
+        }
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Hold the outcome of an evaluation; nothing in it depends on the machine's speed.
+
+    Attributes:
+        protocol: the trial, every number of it.
+        model: name of what was evaluated.
+        hand: name of the hand it was executed with.
+        cells: counts for each object and grasp type.
+        seed: seed of every draw.
+        per_cell: trials for each cell.
+        versions: versions that the numbers depend on.
+        model_metadata: what the caller says of the model.
+    """
+
+    protocol: Protocol
+    model: str
+    hand: str
+    cells: tuple[Cell, ...]
+    seed: int
+    per_cell: int
+    versions: Mapping[str, str]
+    model_metadata: Mapping[str, Any]
+
+    @cached_property
+    def total(self) -> Tally:
+        """Count over all cells."""
+        return _sum(self.cells)
+
+    @property
+    def n(self) -> int:
+        """Count the trials."""
+        return self.total.n
+
+    @property
+    def held(self) -> Interval:
+        """Give the rate of held trials."""
+        return self.total.held_rate
+
+    @property
+    def faithful(self) -> Interval:
+        """Give the rate of held, type-faithful trials."""
+        return self.total.faithful_rate
+
+    @cached_property
+    def by_type(self) -> dict[str, Tally]:
+        """Count over the objects, by grasp type."""
+        names = dict.fromkeys(cell.grasp_type for cell in self.cells)
+        return {name: _sum(cell for cell in self.cells if cell.grasp_type == name) for name in names}
+
+    @cached_property
+    def by_object(self) -> dict[str, Tally]:
+        """Count over the types, by object label."""
+        labels = dict.fromkeys(cell.object_label for cell in self.cells)
+        return {label: _sum(cell for cell in self.cells if cell.object_label == label) for label in labels}
+
+    def to_json(self) -> dict[str, Any]:
+        """Give the record as the command line prints it; totals are spelled out beside the cells they come from."""
+        return {
+            "kind": KIND,
+            "schema_version": SCHEMA_VERSION,
+            "protocol": self.protocol.name,
+            "model": self.model,
+            "hand": self.hand,
+            "n": self.n,
+            "held": self.held.to_json(),
+            "faithful": self.faithful.to_json(),
+            "cells": [cell.to_json() for cell in self.cells],
+            "verdicts": {
+                "overall": dict(self.total.verdicts),
+                "by_type": {name: dict(tally.verdicts) for name, tally in self.by_type.items()},
+                "by_object": {label: dict(tally.verdicts) for label, tally in self.by_object.items()},
+            },
+            "seed": self.seed,
+            "per_cell": self.per_cell,
+            "model_metadata": dict(self.model_metadata),
+            "protocol_parameters": self.protocol.to_json(),
+            "versions": dict(self.versions),
+        }
+
+    @classmethod
+    def from_json(cls, data: Any) -> Evaluation:
+        """Rebuild from `to_json()`.
+
+        Raises:
+            FileFormatError: it is something else, of another schema, or its totals are not those of its cells.
+        """
+        if not is_evaluation(data):
+            raise FileFormatError(f'not an evaluation: it lacks "kind": "{KIND}"')
+        if data.get("schema_version") != SCHEMA_VERSION:
+            raise FileFormatError(f"schema version {data.get('schema_version')}; this version reads {SCHEMA_VERSION}")
+        try:
+            found = cls(
+                protocol=Protocol(**data["protocol_parameters"]),
+                model=str(data["model"]),
+                hand=str(data["hand"]),
+                cells=tuple(_cell(cell) for cell in data["cells"]),
+                seed=int(data["seed"]),
+                per_cell=int(data["per_cell"]),
+                versions=dict(data["versions"]),
+                model_metadata=dict(data["model_metadata"]),
+            )
+        except KeyError as error:
+            raise FileFormatError(f"the evaluation lacks {error.args[0]!r}") from error
+        except (TypeError, ValueError) as error:
+            raise FileFormatError(f"the evaluation is malformed: {error}") from error
+        places = {(cell.object_label, cell.grasp_type) for cell in found.cells}
+        if not places or len(places) < len(found.cells) or {cell.n for cell in found.cells} != {found.per_cell}:
+            raise FileFormatError("the evaluation needs distinct cells of per_cell trials each")
+        again = found.to_json()
+        differing = [key for key, value in again.items() if not _same(value, data.get(key))]
+        if differing:
+            raise FileFormatError(f"the evaluation contradicts itself in {', '.join(differing)}")
+        return found
+
+    def save(self, path: Path | str) -> None:
+        """Write the JSON file atomically."""
+        write_text(Path(path), json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, path: Path | str) -> Evaluation:
+        """Read an evaluation.
+
+        Raises:
+            FileFormatError: the file is missing, truncated or foreign.
+        """
+        data = read_json(Path(path))
+        try:
+            return cls.from_json(data)
+        except FileFormatError as error:
+            raise FileFormatError(f"{path}: {error}") from error
+
+
+def is_evaluation(data: Any) -> bool:
+    """Tell whether parsed JSON claims to be an evaluation."""
+    return isinstance(data, dict) and data.get("kind") == KIND
+
+
+def _cell(data: Mapping[str, Any]) -> Cell:
+    verdicts = {name: int(data["verdicts"][name]) for name in VERDICTS}
+    return Cell(verdicts, int(data["faithful"]), str(data["grasp_type"]), str(data["object"]))
+
+
+def _sum(tallies: Iterable[Tally]) -> Tally:
+    parts = list(tallies)
+    verdicts = {name: sum(part.verdicts[name] for part in parts) for name in VERDICTS}
+    return Tally(verdicts, sum(part.faithful for part in parts))
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Compare JSON values, real numbers up to the rounding of another machine."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(_same(a, b) for a, b in zip(one, other, strict=True))
+    if isinstance(one, float) and isinstance(other, float):
+        return abs(one - other) <= 1e-9 * max(1.0, abs(one))
+    return bool(one == other)

@@ -1,0 +1,135 @@
+"""Finished rounds of an evaluation, in memory or in a folder that a later call goes on with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dataset.schema import SCHEMA_VERSION, to_columns
+from ..dataset.shards import METADATA_FILE, read_metadata, shard_path, write_metadata, write_shard
+from ..errors import FileFormatError, InputError
+from ..grasps import Grasps
+from ..trials import VERDICTS, Outcomes
+
+Counts = NDArray[np.int64]
+"""Trials of each cell: a column for each of `trials.VERDICTS`, and the faithful in the last, ``(cells, 7)``."""
+
+_KIND = "graspcascade evaluation rounds"
+_SAME_SOURCE_TOLERANCE = 1e-5
+"""Rounding of another processor stays below, another model's mean grasp does not."""
+
+
+@dataclass
+class RoundStore:
+    """Keep the counts of finished rounds and, in a folder, their rows.
+
+    A folder is also a dataset that `dataset.load_dataset` reads, for a look at the failures. Counts are kept beside the
+    rows, so that resuming needs no pyarrow.
+
+    Attributes:
+        folder: where to keep them, None for memory only.
+        metadata: contents of the folder's metadata file.
+        n_cells: cells of a round.
+        counts: of every finished round.
+    """
+
+    folder: Path | None
+    metadata: dict[str, Any]
+    n_cells: int
+    counts: list[Counts] = field(default_factory=list)
+
+    @classmethod
+    def open(cls, folder: Path | str | None, identity: dict[str, Any], n_cells: int) -> RoundStore:
+        """Open a folder, new or of an earlier call with the same arguments.
+
+        Raises:
+            InputError: the folder holds an evaluation with other arguments, or other files.
+            FileFormatError: its metadata is unreadable.
+        """
+        fresh = {"schema_version": SCHEMA_VERSION, "kind": _KIND} | identity
+        if folder is None:
+            return cls(None, {}, n_cells)
+        folder = Path(folder)
+        if (folder / METADATA_FILE).exists():
+            return cls._resume(folder, fresh, n_cells)
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InputError(f"{folder} is not empty and holds no evaluation; give an empty or new folder")
+        folder.mkdir(parents=True, exist_ok=True)
+        store = cls(folder, fresh | {"count_columns": [*VERDICTS, "faithful"], "rounds": [], "shards": []}, n_cells)
+        write_metadata(folder, store.metadata)
+        return store
+
+    @classmethod
+    def _resume(cls, folder: Path, fresh: dict[str, Any], n_cells: int) -> RoundStore:
+        metadata = read_metadata(folder)
+        differing = [key for key, value in fresh.items() if metadata.get(key) != value]
+        if differing:
+            raise InputError(
+                f"{folder} holds something with another {', '.join(differing)}; "
+                "give the same arguments to go on with it, or another folder"
+            )
+        try:
+            counts = [np.array(found["counts"], dtype=np.int64) for found in metadata["rounds"]]
+            if any(found.shape != (n_cells, len(VERDICTS) + 1) for found in counts):
+                raise ValueError("a round has counts of another shape")
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileFormatError(f"{folder / METADATA_FILE} is not readable evaluation metadata: {error}") from error
+        return cls(folder, metadata, n_cells, counts)
+
+    @property
+    def finished(self) -> int:
+        """Count the finished rounds."""
+        return len(self.counts)
+
+    @property
+    def total(self) -> Counts:
+        """Add up the rounds."""
+        total = np.zeros((self.n_cells, len(VERDICTS) + 1), dtype=np.int64)
+        for counts in self.counts:
+            total += counts
+        return total
+
+    @property
+    def trials(self) -> int:
+        """Count the trials of finished rounds."""
+        return int(self.total[:, :-1].sum())
+
+    def append(self, grasps: Grasps, outcomes: Outcomes, counts: Counts) -> None:
+        """Keep one more round; the metadata, written last, makes it count."""
+        number = self.finished
+        self.counts.append(counts)
+        if self.folder is None:
+            return
+        if number == 0:
+            self.metadata["first_round_mean"] = _mean(grasps).tolist()
+        # pyarrow is an optional extra; without it the counts alone are kept.
+        if find_spec("pyarrow") is not None:
+            path = shard_path(self.folder, number)
+            digest = write_shard(path, to_columns(grasps, outcomes))
+            self.metadata["shards"].append({"file": path.name, "sha256": digest, "rows": len(grasps)})
+        self.metadata["rounds"].append({"counts": counts.tolist()})
+        write_metadata(self.folder, self.metadata)
+
+    def check_source(self, first_round: Grasps) -> None:
+        """Check that the grasps of the first round, drawn again, are those that were executed.
+
+        Raises:
+            InputError: another source drew them; names alone do not tell a retrained model from its forerunner.
+        """
+        kept = np.array(self.metadata["first_round_mean"])
+        if not np.allclose(kept, _mean(first_round), rtol=0.0, atol=_SAME_SOURCE_TOLERANCE):
+            raise InputError(
+                f"{self.folder} holds rounds of another model under the same name; "
+                "give that model to go on with it, or another folder"
+            )
+
+
+def _mean(grasps: Grasps) -> NDArray[np.float64]:
+    pose = grasps.X_hand_object
+    columns = np.concatenate([grasps.posture, pose.position_m, pose.quat_wxyz], axis=1)
+    return np.asarray(columns.mean(axis=0), dtype=np.float64)

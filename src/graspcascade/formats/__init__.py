@@ -1,0 +1,123 @@
+"""Grasp files: a name or suffix picks the format, a file appears under its name only when complete."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..errors import FileFormatError, InputError
+from ..grasps import Grasps
+from ..poses import Pose
+from .document import SCHEMA_VERSION, GraspDocument
+from .native_json import document_to_json
+from .options import Assumptions, ExportOptions, held_rates
+from .registry import FORMATS, FORMATS_BY_NAME, GraspFormat, format_to_read, format_to_write
+from .staging import check_file_place, check_folder_place, write_folder_staged, write_staged
+
+__all__ = [
+    "FORMATS",
+    "FORMATS_BY_NAME",
+    "SCHEMA_VERSION",
+    "Assumptions",
+    "ExportOptions",
+    "GraspDocument",
+    "GraspFormat",
+    "check_target",
+    "document_to_json",
+    "held_rates",
+    "load_document",
+    "load_grasps",
+    "save_grasps",
+    "write_staged",
+]
+
+
+def save_grasps(
+    path: Path | str,
+    grasps: Grasps,
+    *,
+    metadata: dict[str, Any],
+    X_world_object: Pose | None = None,
+    format: str | None = None,
+    options: ExportOptions | None = None,
+) -> None:
+    """Write grasps to a file, replacing what it held, or to a new folder.
+
+    Args:
+        path: its suffix picks the format unless `format` names one; its parent folder must exist.
+        grasps: one batch.
+        metadata: where the grasps come from (model, seed, versions), anything JSON can hold.
+        X_world_object: one object pose ``(3,)``, ``(4,)``; where given, each grasp also carries its hand pose.
+        format: a name of `FORMATS_BY_NAME`.
+        options: what else to write, for formats that have a place for it.
+
+    Raises:
+        InputError: an unknown format or suffix, no such folder, or values a file cannot hold.
+    """
+    path = Path(path)
+    chosen = format_to_write(path, format)
+    _check_place(chosen, path)
+    options = ExportOptions() if options is None else options
+    if options.outcomes is not None and len(options.outcomes) != len(grasps):
+        raise InputError(f"there are {len(options.outcomes)} outcomes for {len(grasps)} grasps")
+    document = GraspDocument(grasps, metadata, X_world_object)
+    stage = write_folder_staged if chosen.writes_folder(path) else write_staged
+    if chosen.layout == "folder" and options.object_root is None:
+        # Objects are named by where they will be, not by where they are staged.
+        options = replace(options, object_root=str(path.resolve() / "objects"))
+    stage(path, lambda staged: chosen.write(staged, document, options))
+
+
+def load_grasps(
+    path: Path | str, format: str | None = None, *, trust_pickle: bool = False, assume: Assumptions | None = None
+) -> Grasps:
+    """Read the grasps of a file; see `load_document`."""
+    return load_document(path, format, trust_pickle=trust_pickle, assume=assume).grasps
+
+
+def load_document(
+    path: Path | str, format: str | None = None, *, trust_pickle: bool = False, assume: Assumptions | None = None
+) -> GraspDocument:
+    """Read a file or folder with all it says of its grasps.
+
+    Args:
+        path: what to read.
+        format: a name of `FORMATS_BY_NAME`; by default found from the suffix and content.
+        trust_pickle: read pickled files, which run whatever code they carry: only from a source you trust.
+        assume: what foreign files do not say of their grasps.
+
+    Raises:
+        FileFormatError: it is truncated, foreign or of another schema.
+        InputError: an unknown suffix or format, no such file, or a pickled file that is not trusted.
+    """
+    path = Path(path)
+    chosen = format_to_read(path, format)
+    if not path.is_file() and not (path.is_dir() and chosen.layout != "file"):
+        raise InputError(f"there is no file {path}")
+    if chosen.pickled and not trust_pickle:
+        raise InputError(
+            f"{path} holds pickled Python objects, and reading those runs whatever code the file carries; if you trust "
+            "where it comes from, pass trust_pickle=True (--trust-pickle on the command line)"
+        )
+    try:
+        return chosen.read(path, Assumptions() if assume is None else assume)
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+
+
+def check_target(path: Path | str, format: str | None = None) -> None:
+    """Check, before any work is done for it, that grasps can be written under a name.
+
+    Raises:
+        InputError: an unknown format or suffix, no such folder, or something in the way.
+    """
+    path = Path(path)
+    _check_place(format_to_write(path, format), path)
+
+
+def _check_place(chosen: GraspFormat, path: Path) -> None:
+    if chosen.writes_folder(path):
+        check_folder_place(path)
+    else:
+        check_file_place(path)

@@ -1,0 +1,107 @@
+"""Write a page that needs no server: the grasps with their trials, playing in any browser."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+import viser
+
+from ..formats import write_staged
+from ..trials import Protocol
+from .recording import Frame, Recording
+from .scene import Actors, HandShapes
+from .server import close_server, open_server
+from .session import Batch, Session
+from .tables import table_html
+
+MAX_SHOWN = 50
+"""Most grasps on one standalone page, which holds every frame of every trial."""
+_FRAME_S = 0.04
+_LOOK_S = 0.8
+_GRAVITY_SPEED = 5.0
+_OVERLAY = (
+    "position:fixed;left:0.75em;top:0.75em;z-index:10;max-width:30em;background:rgba(255,255,255,0.92);"
+    "border:1px solid #dee2e6;border-radius:0.4em;padding:0.4em 0.2em;font-family:sans-serif;color:#212529"
+)
+
+
+def write_standalone(path: Path, batch: Batch, protocol: Protocol, shapes: HandShapes) -> int:
+    """Execute grasps and write them as one HTML file that needs no network.
+
+    Args:
+        path: file to write; its folder must exist.
+        batch: grasps, of which the first `MAX_SHOWN` are taken.
+        protocol: of the trials.
+        shapes: the hand as it is drawn.
+
+    Returns:
+        How many grasps are on the page.
+
+    Raises:
+        InputError: no such folder.
+    """
+    session = Session(Batch(batch.grasps[:MAX_SHOWN], batch.name, batch.metadata), protocol)
+    recordings = []
+    for index in range(len(session)):
+        session.go(index)
+        recordings.append(session.recording())
+    server = open_server("127.0.0.1", 0)
+    try:
+        html = _scene_html(server, session, recordings, shapes)
+    finally:
+        close_server(server)
+    session.go(-1)
+    text = _with_overlay(html, session, len(batch.grasps))
+    write_staged(path, lambda staged: _write(staged, text))
+    return len(session)
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _scene_html(
+    server: viser.ViserServer, session: Session, recordings: Sequence[Recording], shapes: HandShapes
+) -> str:
+    actors = Actors(server.scene, shapes)
+    session.go(0)
+    actors.show(session.frame("pregrasp"))
+    caption = server.scene.add_label("/caption", "", position=(0.0, 0.0, 0.245), anchor="bottom-center")
+    serializer = server.get_scene_serializer()
+
+    def show(frame: Frame, words: str, lasting_s: float) -> None:
+        actors.show(frame)
+        if caption.text != words:
+            caption.text = words
+        serializer.insert_sleep(lasting_s)
+
+    for index, recording in enumerate(recordings):
+        session.go(index)
+        title = f"{index}: {session.grasp.grasp_type[0]}, {session.grasp.object_label[0]}".replace("_", " ")
+        show(session.frame("posture"), f"{title}: sampled posture", _LOOK_S)
+        row = 0
+        while row < len(recording) - 1:
+            phase = recording.phase(row)
+            speed = _GRAVITY_SPEED if phase == "gravity" else 1.0
+            fast = f" ({speed:g} x)" if speed != 1.0 else ""
+            show(recording.frame(row), f"{title}: {phase}{fast}", _FRAME_S)
+            row = max(row + 1, recording.row_at(float(recording.time_s[row]) + _FRAME_S * speed))
+        verdict = str(recording.outcome.verdict[0]).replace("_", " ")
+        show(recording.frame(row), f"{title}: {verdict} (protocol {session.protocol.name})", _LOOK_S)
+    return serializer.as_html()
+
+
+def _with_overlay(html: str, session: Session, total: int) -> str:
+    """Put the table over the scene and the name into the title."""
+    name = escape(session.batch.name)
+    left_out = f"<div style='padding:0 0.75em;font-size:0.8em'>the first {len(session)} of {total}</div>"
+    overlay = (
+        f'<details open style="{_OVERLAY}"><summary style="padding:0 0.6em;cursor:pointer"><b>{name}</b></summary>'
+        f"{left_out if total > len(session) else ''}{table_html(session)}</details>"
+    )
+    head, found, tail = html.replace("<title>Viser</title>", f"<title>{name} - graspcascade</title>").rpartition(
+        "</body>"
+    )
+    return f"{head}{overlay}{found}{tail}"

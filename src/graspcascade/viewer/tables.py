@@ -1,0 +1,109 @@
+"""The page's words: the table of samples, the state of the grasp looked at, messages. HTML, escaped."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+
+from ..trials import Outcomes
+from .session import Session
+
+MEANING = {
+    "held": "still in the hand at the end",
+    "overlap": "hand and object intersect at the start",
+    "missed": "thumb and a finger do not both touch it after closing",
+    "shaken_out": "left the hand during the shake",
+    "dropped": "left the hand under gravity",
+    "unstable": "the simulation broke down",
+}
+_COLOURS = {"held": "#2b8a3e", "unstable": "#5c5f66"}
+_FAILED = "#c92a2a"
+_PANEL = "padding:0 0.75em 0.5em;font-size:0.8em;line-height:1.45"
+
+
+def message_html(text: str, *, error: bool = False) -> str:
+    """Word a message; errors stand out."""
+    if not text:
+        return ""
+    style = "background:#fff5f5;border-left:3px solid #c92a2a;color:#a61e1e" if error else "color:#495057"
+    kind = "error" if error else "note"
+    return (
+        f'<div style="{_PANEL}"><div class="gc-message" data-kind="{kind}" role="status" '
+        f'style="{style};padding:0.35em 0.6em">{escape(text)}</div></div>'
+    )
+
+
+def grasp_html(session: Session, shown: str) -> str:
+    """Say which grasp is looked at, what of it is shown, and its verdict."""
+    grasp = session.grasp
+    kind, label = (escape(str(column[0]).replace("_", " ")) for column in (grasp.grasp_type, grasp.object_label))
+    lines = [
+        f"<b>{kind}</b> of <b>{label}</b>, by {_side(session, session.index)}",
+        f'shown: <span class="gc-shown">{escape(shown)}</span>',
+        verdict_html(session.outcome, session.faithful(session.index), session.protocol.name),
+    ]
+    return f'<div style="{_PANEL}">' + "<br>".join(lines) + "</div>"
+
+
+def verdict_html(outcome: Outcomes | None, faithful: bool, protocol: str) -> str:
+    """Word a verdict, always with its protocol."""
+    if outcome is None:
+        return '<span class="gc-verdict">not tried yet</span>'
+    verdict = str(outcome.verdict[0])
+    more = f"{MEANING[verdict]}; " + ("type-faithful; " if faithful else "")
+    return f'<span class="gc-verdict">{_badge(verdict)} {more}protocol {escape(protocol)}</span>'
+
+
+def table_html(session: Session) -> str:
+    """Tabulate the samples: index, side, grasp size, chance where known, verdict where tried."""
+    grasps = session.batch.grasps
+    mixed = [
+        (title, column)
+        for title, column in (("type", grasps.grasp_type), ("object", grasps.object_label))
+        if len(np.unique(column)) > 1
+    ]
+    chance = bool(np.isfinite(grasps.probability).any())
+    titles = ["#", *(title for title, _ in mixed), "side", "size cm", *(["P(hold)"] if chance else []), "verdict"]
+    rows = []
+    for index in range(len(session)):
+        cells = [str(index), *(escape(str(column[index])) for _, column in mixed), _side(session, index)]
+        cells.append(f"{grasps.grasp_size_m[index] * 100:.1f}" if np.isfinite(grasps.grasp_size_m[index]) else "-")
+        if chance:
+            value = grasps.probability[index]
+            cells.append(f"{value:.2f}" if np.isfinite(value) else "-")
+        outcome = session.outcomes.get(index)
+        faithful = " faithful" if session.faithful(index) else ""
+        cells.append("-" if outcome is None else _badge(str(outcome.verdict[0])) + faithful)
+        here = ' class="gc-current" style="background:#e7f1ff"' if index == session.index else ""
+        rows.append(f"<tr{here}>" + "".join(f'<td style="{_CELL}">{cell}</td>' for cell in cells) + "</tr>")
+    head = "".join(f'<th style="{_CELL};position:sticky;top:0;background:#fff">{title}</th>' for title in titles)
+    body = f'<table class="gc-table" style="border-collapse:collapse;width:100%"><tr>{head}</tr>{"".join(rows)}</table>'
+    return (
+        f'<div style="{_PANEL}"><div style="max-height:17em;overflow:auto">{body}</div>'
+        f'<div class="gc-rate" style="padding-top:0.4em">{escape(rate_text(session))}</div></div>'
+    )
+
+
+_CELL = "text-align:left;padding:0.1em 0.6em 0.1em 0;border-bottom:1px solid #e9ecef;white-space:nowrap"
+
+
+def rate_text(session: Session) -> str:
+    """Word the rate of the tried grasps with its interval and protocol."""
+    tried = len(session.outcomes)
+    if not tried:
+        return f"{len(session)} grasps, none tried yet under protocol {session.protocol.name}"
+    held, rate = sum(bool(outcome.held[0]) for outcome in session.outcomes.values()), session.held()
+    return (
+        f"{held} of {tried} tried held: {100 * rate.rate:.0f} % (95 %: {100 * rate.low:.0f} to "
+        f"{100 * rate.high:.0f} %), protocol {session.protocol.name}"
+    )
+
+
+def _side(session: Session, index: int) -> str:
+    grasps = session.batch.grasps
+    return f"{escape(str(grasps.side_axis[index]))} = {grasps.side_m[index] * 100:g} cm"
+
+
+def _badge(verdict: str) -> str:
+    return f'<b style="color:{_COLOURS.get(verdict, _FAILED)}">{escape(verdict.replace("_", " "))}</b>'

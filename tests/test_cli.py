@@ -1,0 +1,534 @@
+"""The command line: what each verb prints and writes, and one line with exit status 2 for what it cannot use."""
+
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspcascade.candidates import candidates, draw_sides
+from graspcascade.cli import main
+from graspcascade.cli.main import VERBS
+from graspcascade.dataset.schema import SCHEMA_VERSION, to_columns
+from graspcascade.dataset.shards import shard_path, write_metadata, write_shard
+from graspcascade.formats import load_document, load_grasps, save_grasps
+from graspcascade.grasps import Grasps
+from graspcascade.hands import HandModel
+from graspcascade.objects import CATALOGUE
+from graspcascade.poses import Pose
+from graspcascade.postures import LabelledPostures, PosturePrior, export_postures, import_postures
+from graspcascade.taxonomy import GRASP_TYPES
+from graspcascade.trials import PAPER, VERDICTS, Outcomes
+
+
+@dataclass(frozen=True)
+class Said:
+    status: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+
+Call = Callable[..., Said]
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Call:
+    def run(*arguments: object) -> Said:
+        capsys.readouterr()
+        status = main([str(a) for a in arguments])
+        captured = capsys.readouterr()
+        return Said(status, captured.out, captured.err)
+
+    return run
+
+
+def assert_refused(said: Said, *words: str) -> None:
+    assert said.status == 2
+    assert said.out == ""
+    assert len(said.err.splitlines()) == 1
+    for word in words:
+        assert word in said.err
+
+
+def python(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture(scope="module")
+def data(hand: HandModel, prior: PosturePrior, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a dataset folder of candidates that are said to have held."""
+    folder = tmp_path_factory.mktemp("data")
+    rng = np.random.default_rng(0)
+    types, labels = np.tile(np.repeat(list(GRASP_TYPES), 9), 6), np.tile(list(CATALOGUE), 36)
+    grasps = candidates(hand, prior.sample(types, rng), types, labels, draw_sides(labels, rng), rng)
+    outcomes = Outcomes.blank(len(grasps), len(hand.joint_names))
+    outcomes.verdict[:] = "held"
+    outcomes.touching_closed[:] = outcomes.touching_end[:] = True
+    outcomes.object_size_m[:] = grasps.grasp_size_m + 0.01
+    outcomes.settled_posture[:] = grasps.posture
+    outcomes.X_hand_object_settled.position_m[:] = grasps.X_hand_object.position_m
+    outcomes.X_hand_object_settled.quat_wxyz[:] = grasps.X_hand_object.quat_wxyz
+    digest = write_shard(shard_path(folder, 0), to_columns(grasps, outcomes))
+    metadata = {
+        "schema_version": SCHEMA_VERSION,
+        "joint_names": list(hand.joint_names),
+        "pregrasp_rad": hand.pregrasp.tolist(),
+        "protocol": PAPER.to_json(),
+        "shards": [{"file": shard_path(folder, 0).name, "sha256": digest, "rows": len(grasps)}],
+    }
+    write_metadata(folder, metadata)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def model(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train a cascade for a moment, by the command line."""
+    folder = tmp_path_factory.mktemp("models") / "tiny"
+    assert main(["train", "--data", str(data), "--out", str(folder), "--epochs", "1", "--batch-size", "64"]) == 0
+    return folder
+
+
+@pytest.fixture
+def saved(drawn: Grasps, tmp_path: Path) -> Path:
+    """Save three candidates for a trial, the last far out of reach."""
+    grasps = drawn[[0, 10, 20]]
+    grasps.X_hand_object.position_m[2] += 0.3
+    save_grasps(tmp_path / "grasps.json", grasps, metadata={"model": "by hand"})
+    return tmp_path / "grasps.json"
+
+
+# -- the command as a whole
+
+
+def test_help_lists_every_verb_and_each_verb_has_its_own(call: Call) -> None:
+    overview = call("--help")
+    assert overview.status == 0
+    for verb in VERBS:
+        assert f"  {verb} " in overview.out
+        said = call(verb, "--help")
+        assert (said.status, said.err) == (0, "")
+        assert f"usage: graspcascade {verb}" in said.out
+
+
+def test_the_version_is_told(call: Call) -> None:
+    assert call("--version").out.startswith("graspcascade ")
+
+
+def test_a_missing_or_unknown_verb_is_refused_with_the_valid_ones(call: Call) -> None:
+    assert_refused(call(), "give a command", "sample")
+    assert_refused(call("smaple"), "Did you mean 'sample'")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["sample", "tripod"], "OBJECT"),
+        (["sample", "tripod", "box_medium", "--n", "many"], "--n"),
+        (["sample", "tripod", "box_medium", "--colour", "red"], "--colour"),
+        (["sample", "tripod", "box_medium", "--object-pose", "0", "0", "0"], "object-pose"),
+        (["trial", "grasps.json", "--engine", "physx"], "--engine"),
+        (["collect", "--out", "x", "--trials-per-cell", "-1"], "must not be negative"),
+        (["prior", "--epochs", "0"], "epochs must be at least 1"),
+        (["train", "--data", "x"], "--out"),
+        (["hands", "draw"], "draw"),
+    ],
+)
+def test_arguments_that_cannot_be_read_are_one_line(
+    call: Call, arguments: list[str], word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert_refused(call(*arguments), word, f"graspcascade {arguments[0]} --help")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_shell_sees_status_and_one_line_without_a_traceback() -> None:
+    done = python("-m", "graspcascade.cli", "hands", "show", "shadow")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("graspcascade hands: unknown hand 'shadow'")
+    assert len(done.stderr.splitlines()) == 1
+    done = python("-m", "graspcascade.cli", "objects", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)
+
+
+def test_an_interruption_is_130_and_says_how_to_go_on(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("graspcascade.cli.collect.collect", interrupted)
+    said = call("collect", "--out", tmp_path / "data")
+    assert said.status == 130
+    assert said.err == (
+        "graspcascade collect: interrupted; what is finished is kept: run the same command again to go on\n"
+    )
+
+
+def test_trouble_with_the_disk_is_status_1_and_one_line(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("graspcascade.cli.collect.collect", full)
+    said = call("collect", "--out", tmp_path / "data")
+    assert (said.status, said.err) == (1, "graspcascade collect: no space left on device\n")
+
+
+def test_a_reader_that_leaves_early_causes_no_complaint() -> None:
+    command = [sys.executable, "-m", "graspcascade.cli", "objects", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+
+
+# -- sample
+
+
+def test_sample_prints_a_line_for_each_grasp(call: Call, model: Path) -> None:
+    said = call("sample", "tripod", "box_medium", "--side-cm", 3, "--n", 4, "--model", model)
+    assert (said.status, said.err) == (0, "")
+    assert [line.split()[:3] for line in said.out.splitlines() if line.strip()[:1].isdigit()] == [
+        [str(i), "x", "3"] for i in range(4)
+    ]
+
+
+def test_without_a_model_the_shipped_one_answers(call: Call) -> None:
+    rows = call("sample", "tripod", "box_medium", "--side-cm", 3, "--n", 2, "--json").json["grasps"]
+    assert [row["side_m"] for row in rows] == [0.03, 0.03]
+
+
+def test_sample_json_is_what_a_json_file_holds(call: Call, model: Path, tmp_path: Path) -> None:
+    asked = ["sample", "tip_pinch", "cylinder_small", "--n", 3, "--seed", 5, "--model", model]
+    printed = call(*asked, "--json").json
+    said = call(*asked, "--out", tmp_path / "g.json")
+    assert said.out == f"wrote 3 grasps to {tmp_path / 'g.json'}\n"
+    assert json.loads((tmp_path / "g.json").read_text()) == printed
+    metadata = printed["metadata"]
+    assert (metadata["model"], metadata["asked"]["seed"]) == ("model3", 5)
+    assert set(metadata["versions"]) == {"graspcascade", "numpy"}
+    assert metadata["hand"] == "shadow_hand_right"
+
+
+def test_the_suffix_of_out_picks_the_format(call: Call, model: Path, tmp_path: Path) -> None:
+    for name in ("g.json", "g.parquet"):
+        assert (
+            call("sample", "tripod", "sphere_small", "--n", 2, "--model", model, "--out", tmp_path / name).status == 0
+        )
+    one, other = load_grasps(tmp_path / "g.json"), load_grasps(tmp_path / "g.parquet")
+    np.testing.assert_array_equal(one.posture, other.posture)
+
+
+def test_the_same_seed_gives_the_same_grasps(call: Call, model: Path) -> None:
+    asked = ["sample", "tripod", "box_medium", "--model", model, "--n", 2, "--json", "--seed"]
+    first = call(*asked, 1).out
+    assert call(*asked, 1).out == first
+    assert call(*asked, 2).out != first
+
+
+def test_a_side_is_the_same_by_length_and_by_axis(call: Call, model: Path) -> None:
+    asked = ["sample", "tripod", "box_medium", "--model", model, "--n", 2, "--json"]
+    by_length = call(*asked, "--side-cm", 4.5).json["grasps"]
+    assert by_length == call(*asked, "--side-axis", "y").json["grasps"]
+    assert {row["side_axis"] for row in by_length} == {"y"}
+
+
+def test_without_a_side_graspable_ones_are_drawn(call: Call, model: Path) -> None:
+    rows = call("sample", "tripod", "box_large", "--model", model, "--n", 40, "--json").json["grasps"]
+    assert {row["side_axis"] for row in rows} == {"x", "y"}
+
+
+def test_an_object_pose_gives_hand_poses_that_keep_the_relative_pose(call: Call, model: Path, tmp_path: Path) -> None:
+    numbers = [0.4, -1e-3, 0.1, 0.5, 0.5, -0.5, 0.5]
+    asked = ["sample", "tripod", "box_medium", "--model", model, "--n", 2, "--object-pose", *numbers]
+    assert "hand (palm) frame in the world" in call(*asked).out
+    rows = call(*asked, "--json", "--out", tmp_path / "g.json").json["grasps"]
+    hand = Pose.of(*([row["X_world_hand"][key] for row in rows] for key in ("position_m", "quat_wxyz")))
+    found = hand @ load_grasps(tmp_path / "g.json").X_hand_object
+    np.testing.assert_allclose(found.position_m, [numbers[:3]] * 2, atol=1e-12)
+    assert load_document(tmp_path / "g.json").X_world_object is not None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["tripodd", "box_medium"], ["unknown grasp type 'tripodd'", "Did you mean 'tripod'"]),
+        (["tripod", "box_mediun"], ["unknown object 'box_mediun'", "Did you mean 'box_medium'"]),
+        (["tripod", "box_medium", "--side-cm", "3.7"], ["no side of 3.7 cm", "x = 3 cm, y = 4.5 cm, z = 6 cm"]),
+        (["tripod", "box_large", "--side-cm", "7"], ["beyond the hand's reach", "x = 4 cm, y = 5.5 cm"]),
+        (["tripod", "box_large", "--side-axis", "z"], ["beyond the hand's reach"]),
+        (["tripod", "box_medium", "--side-cm", "nan"], ["positive length"]),
+        (["tripod", "box_medium", "--side-cm", "-3"], ["positive length"]),
+        (["tripod", "box_medium", "--side-axis", "w"], ["unknown side axis 'w'"]),
+        (["tripod", "box_medium", "--side-cm", "3", "--side-axis", "x"], ["not both"]),
+        (["tripod", "box_medium", "--n", "0"], ["n must be at least 1, got 0"]),
+        (["tripod", "box_medium", "--n", "-4"], ["n must be at least 1, got -4"]),
+        (["tripod", "box_medium", "--seed", "-1"], ["seed must be at least 0"]),
+        (["tripod", "box_medium", "--object-pose", "0", "0", "0", "1", "1", "0", "0"], ["norm 1"]),
+        (["tripod", "box_medium", "--object-pose", "0", "0", "0", "0", "0", "0", "0"], ["norm 1"]),
+        (["tripod", "box_medium", "--object-pose", "nan", "0", "0", "1", "0", "0", "0"], ["finite"]),
+        (["tripod", "box_medium", "--object-pose", "0", "0", "-inf", "1", "0", "0", "0"], ["finite"]),
+    ],
+)
+def test_sample_refuses_what_it_cannot_do_and_writes_nothing(
+    call: Call, model: Path, tmp_path: Path, arguments: list[str], words: list[str]
+) -> None:
+    kept, fresh = tmp_path / "kept.json", tmp_path / "fresh.json"
+    kept.write_text("mine")
+    for out in (kept, fresh):
+        assert_refused(call("sample", *arguments, "--model", model, "--out", out), *words)
+    assert kept.read_text() == "mine"
+    assert list(tmp_path.iterdir()) == [kept]
+
+
+def test_sample_refuses_an_out_it_cannot_write(call: Call, model: Path, tmp_path: Path) -> None:
+    asked = ["sample", "tripod", "box_medium", "--model", model, "--out"]
+    assert_refused(call(*asked, tmp_path / "g.npy"), ".npy", ".json", ".parquet")
+    assert_refused(call(*asked, tmp_path / "absent" / "g.json"), "no folder")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_truncated_or_foreign_model_is_refused(call: Call, model: Path, tmp_path: Path, prior: PosturePrior) -> None:
+    asked = ["sample", "tripod", "box_medium", "--out", tmp_path / "g.json", "--model"]
+    weights = next(model.iterdir())
+    spoilt = tmp_path / "spoilt"
+    spoilt.mkdir()
+    for content in (weights.read_bytes()[:1000], b"", b"something else"):
+        (spoilt / weights.name).write_bytes(content)
+        assert_refused(call(*asked, spoilt), str(spoilt))
+    prior.save(spoilt / weights.name)
+    assert_refused(call(*asked, spoilt), "no grasp cascade")
+    assert_refused(call(*asked, tmp_path), "no file")
+    assert_refused(call(*asked, "modell"), "unknown model 'modell'")
+    assert not (tmp_path / "g.json").exists()
+
+
+def test_sampling_loads_neither_torch_nor_pyarrow_nor_the_physics_engine(model: Path) -> None:
+    arguments = ["sample", "tripod", "box_medium", "--model", str(model)]
+    code = (
+        f"import sys; from graspcascade.cli import main; status = main({arguments!r}); "
+        "heavy = {'torch', 'pyarrow', 'mujoco', 'scipy.optimize'} & set(sys.modules); "
+        "sys.exit(f'{status} {heavy}' if status or heavy else 0)"
+    )
+    done = python("-c", code)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+# -- trial
+
+
+def test_trial_json_gives_totals_and_a_verdict_for_each_grasp(call: Call, saved: Path, tmp_path: Path) -> None:
+    said = call("trial", saved, "--json", "--out", tmp_path / "report.json")
+    assert (said.status, said.err) == (0, "")
+    report = said.json
+    assert json.loads((tmp_path / "report.json").read_text()) == report
+    assert (report["protocol"], report["model"], report["n"]) == ("paper", "by hand", 3)
+    verdicts = [row["verdict"] for row in report["grasps"]]
+    assert set(verdicts) <= set(VERDICTS)
+    assert verdicts[2] == "missed"
+    assert report["grasps"][2]["touching_end"] == []
+    assert report["held"]["rate"] == pytest.approx(verdicts.count("held") / 3)
+    assert report["held"]["low"] <= report["held"]["rate"] <= report["held"]["high"]
+    assert set(report["faithful"]) == {"rate", "low", "high"}
+    assert sum(report["verdicts"].values()) == 3
+
+
+def test_trial_prints_verdicts_and_a_rate_with_its_protocol(call: Call, saved: Path) -> None:
+    said = call("trial", saved)
+    assert "missed" in said.out
+    assert "protocol paper, 3 trials: held" in said.out
+    assert "(95 %: " in said.out
+
+
+def test_trial_refuses_what_is_no_grasp_file(call: Call, saved: Path, tmp_path: Path, drawn: Grasps) -> None:
+    cut = tmp_path / "cut.json"
+    cut.write_text(saved.read_text()[:500])
+    assert_refused(call("trial", cut), str(cut), "not complete JSON")
+    assert_refused(call("trial", tmp_path / "absent.json"), "no file")
+    assert_refused(call("trial", tmp_path / "g.npy"), ".parquet")
+    assert_refused(call("trial", saved, "--protocol", "papper"), "unknown protocol 'papper'", "Did you mean 'paper'")
+    assert_refused(call("trial", saved, "--protocol", "six-directions"), "unknown protocol")
+    assert_refused(call("trial", saved, "--out", tmp_path / "report.csv"), ".json")
+    save_grasps(tmp_path / "none.json", drawn[[]], metadata={})
+    assert_refused(call("trial", tmp_path / "none.json"), "no grasps")
+
+
+def test_trial_refuses_the_grasps_of_another_hand(call: Call, drawn: Grasps, tmp_path: Path) -> None:
+    columns = drawn[:1].columns()
+    columns |= {name: columns[name][:, 1:] for name in ("posture", "pregrasp")}
+    save_grasps(tmp_path / "other.json", Grasps.from_columns(drawn.joint_names[1:], columns), metadata={})
+    assert_refused(call("trial", tmp_path / "other.json"), "lacks joints of shadow_hand_right", drawn.joint_names[0])
+
+
+# -- evaluate
+
+
+def test_evaluate_prints_rates_with_their_protocol_and_goes_on_from_its_folder(call: Call, tmp_path: Path) -> None:
+    asked = ["evaluate", "--model", "heuristic", "--per-cell", 1, "--out", tmp_path / "run"]
+    report = call(*asked, "--json").json
+    assert (report["protocol"], report["model"], report["n"]) == ("paper", "heuristic", 54)
+    assert set(report["held"]) == {"rate", "low", "high"}
+    assert {"grasp_type", "object", "n", "held", "faithful"} <= set(report["cells"][0])
+    said = call(*asked)
+    assert "protocol paper, 54 trials: held" in said.out
+    assert all(label in said.out for label in CATALOGUE)
+    assert_refused(call(*asked, "--seed", 1), str(tmp_path / "run"))
+
+
+def test_evaluate_refuses_before_any_trial(call: Call, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert_refused(call("evaluate", "--per-cell", 0, "--out", out), "per-cell must be at least 1")
+    assert_refused(call("evaluate", "--model", "heuristics", "--out", out), "unknown model 'heuristics'")
+    assert_refused(call("evaluate", "--model", "heuristic", "--protocol", "x", "--out", out), "unknown protocol")
+    assert_refused(call("evaluate", "--model", "heuristic", "--prior", "absent.safetensors"), "no file")
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- postures
+
+
+def test_seeds_prints_how_human_they_are_and_writes_what_the_importer_reads(
+    call: Call, hand: HandModel, tmp_path: Path
+) -> None:
+    said = call("seeds", "--per-type", 3, "--out", tmp_path / "seeds.csv")
+    assert said.status == 0
+    assert all(name in said.out for name in GRASP_TYPES)
+    assert f"18 seed postures written to {tmp_path / 'seeds.csv'}" in said.out
+    found = import_postures(tmp_path / "seeds.csv", hand)
+    assert (len(found), found.n_clipped) == (18, 0)
+
+
+def test_seeds_json_counts_the_joints_of_the_digits_that_hold(call: Call) -> None:
+    types = {row["grasp_type"]: row for row in call("seeds", "--per-type", 2, "--json").json["types"]}
+    assert set(types) == set(GRASP_TYPES)
+    assert {name[:2] for name in types["tripod"]["deviation_sd"]} == {"TH", "FF", "MF"}
+    assert {name[:2] for name in types["tip_pinch"]["deviation_sd"]} == {"TH", "FF"}
+    for row in types.values():
+        outside = [name for name, value in row["deviation_sd"].items() if abs(value) > 1]
+        assert row["share_within"] == pytest.approx(1 - len(outside) / len(row["deviation_sd"]))
+        assert set(row["outliers"]) == set(outside)
+
+
+def test_a_prior_is_trained_on_recordings(call: Call, hand: HandModel, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    posture = rng.uniform(hand.lower_rad, hand.upper_rad, (24, len(hand.joint_names)))
+    posture[0, 0] = 2.0
+    recorded = LabelledPostures(hand.joint_names, posture, np.repeat(list(GRASP_TYPES), 4))
+    export_postures(tmp_path / "mine.csv", recorded)
+    said = call("prior", "--postures", tmp_path / "mine.csv", "--out", tmp_path / "mine.safetensors", "--epochs", 1)
+    assert said.status == 0
+    assert "1 of 528 angles were beyond limits and clipped" in said.out
+    assert PosturePrior.load(tmp_path / "mine.safetensors").metadata["n_postures"] == 24
+
+
+def test_a_prior_refuses_bad_recordings_and_writes_nothing(call: Call, tmp_path: Path) -> None:
+    (tmp_path / "bad.csv").write_text("type,FFJ3_deg\ntripod,30\ntripod,nan\n")
+    asked = ["prior", "--postures", tmp_path / "bad.csv", "--out"]
+    assert_refused(call(*asked, tmp_path / "p.safetensors"), "line 3", "FFJ3_deg")
+    assert_refused(call(*asked, tmp_path / "p.bin"), ".safetensors")
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.csv"]
+
+
+# -- collect and train
+
+
+def test_collect_writes_a_dataset_and_goes_on_with_the_same_arguments(call: Call, tmp_path: Path) -> None:
+    asked = ["collect", "--out", tmp_path / "data", "--round-per-cell", 1, "--json"]
+    first = call(*asked, "--trials-per-cell", 1)
+    assert (first.status, first.err) == (0, "")
+    assert (first.json["rounds"], first.json["trials"]) == (1, 54)
+    before = (tmp_path / "data" / "metadata.json").read_bytes()
+    assert call(*asked, "--trials-per-cell", 1).json["trials"] == 54
+    assert_refused(call(*asked, "--trials-per-cell", 2, "--seed", 9), "seed")
+    assert (tmp_path / "data" / "metadata.json").read_bytes() == before
+    said = call("train", "--data", tmp_path / "data", "--out", tmp_path / "model")
+    assert_refused(said, "at least 100 are needed")
+    assert not (tmp_path / "model").exists()
+
+
+def test_collect_leaves_a_foreign_folder_alone(call: Call, tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    assert_refused(call("collect", "--out", tmp_path), "holds no collection")
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.parametrize("verb", ["collect", "train", "prior"])
+def test_verbs_that_need_the_extra_say_so_before_they_begin(
+    call: Call, verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for package in ("torch", "pyarrow"):
+        monkeypatch.setitem(sys.modules, package, None)
+    out = tmp_path / "out.safetensors"
+    more = ["--data", tmp_path] if verb == "train" else []
+    assert_refused(call(verb, "--out", out, *more), "pip install 'graspcascade[train]'")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_training_says_what_it_did(call: Call, data: Path, tmp_path: Path) -> None:
+    said = call(
+        *["train", "--data", data, "--out", tmp_path / "m", "--factorization", "model1", "--epochs", 1, "--json"]
+    )
+    assert (said.status, said.err) == (0, "")
+    assert said.json["factorization"] == "model1"
+    assert set(said.json["final_loss"]) == {"grasp"}
+    assert call("sample", "tripod", "box_small", "--model", tmp_path / "m").status == 0
+
+
+def test_training_refuses_an_unreadable_dataset_and_writes_nothing(call: Call, data: Path, tmp_path: Path) -> None:
+    bad, out = tmp_path / "bad", tmp_path / "model"
+    bad.mkdir()
+    assert_refused(call("train", "--data", bad, "--out", out), "metadata.json")
+    (bad / "metadata.json").write_text("{")
+    assert_refused(call("train", "--data", bad, "--out", out), "metadata")
+    (bad / "metadata.json").write_bytes((data / "metadata.json").read_bytes())
+    assert_refused(call("train", "--data", bad, "--out", out), "part-00000.parquet")
+    (bad / "part-00000.parquet").write_bytes((data / "part-00000.parquet").read_bytes()[:2000])
+    assert_refused(call("train", "--data", bad, "--out", out), "part-00000.parquet")
+    assert not out.exists()
+
+
+def test_training_never_writes_over_a_model(call: Call, data: Path, model: Path) -> None:
+    before = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in model.iterdir()}
+    assert_refused(call("train", "--data", data, "--out", model, "--epochs", 1), "not empty")
+    assert {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in model.iterdir()} == before
+    assert_refused(call("train", "--data", data, "--out", model / "x", "--factorization", "model9"), "unknown factoriz")
+
+
+# -- hands and objects
+
+
+def test_objects_lists_sides_and_which_can_be_held(call: Call) -> None:
+    rows = {row["label"]: row for row in call("objects", "--json").json}
+    assert list(rows) == list(CATALOGUE)
+    assert rows["box_large"]["graspable_sides_m"] == {"x": 0.04, "y": 0.055}
+    assert rows["sphere_large"]["mass_kg"] == pytest.approx(600 * np.pi / 6 * 0.06**3)
+    assert all(label in call("objects").out for label in CATALOGUE)
+
+
+def test_hands_shows_joints_limits_coupling_and_frames(call: Call, hand: HandModel) -> None:
+    assert [row["name"] for row in call("hands", "--json").json] == ["shadow_hand_right"]
+    assert "shadow_hand_right" in call("hands").out
+    facts = call("hands", "show", "shadow_hand_right", "--json").json
+    assert [joint["name"] for joint in facts["joints"]] == list(hand.joint_names)
+    np.testing.assert_allclose([j["lower_deg"] for j in facts["joints"]], np.degrees(hand.lower_rad), atol=1e-3)
+    by_name = {joint["name"]: joint for joint in facts["joints"]}
+    assert by_name["FFJ1"]["actuator"] == by_name["FFJ2"]["actuator"] == "FFJ0"
+    assert by_name["THJ5"]["actuator"] == "THJ5"
+    assert {place["name"] for place in facts["places"]} == set(hand.description.places)
+    assert facts["X_forearm_hand"]["position_m"] == pytest.approx([0, -0.01, 0.24701])
+    shown = call("hands", "show", "shadow_hand_right").out
+    assert all(name in shown for name in (*hand.joint_names, "thumb_pad", "in degrees"))
+    assert_refused(call("hands", "show", "barrett"), "unknown hand 'barrett'", "shadow_hand_right")

@@ -1,0 +1,370 @@
+"""The dataset: plain shards, honest metadata, collection that can be cut off anywhere."""
+
+import hashlib
+import json
+import shutil
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import graspcascade.dataset.collect  # noqa: F401  the module, which the package hides behind the function
+from graspcascade.candidates import cannot_touch
+from graspcascade.dataset import SCHEMA_VERSION, CollectionSpec, collect, load_dataset
+from graspcascade.errors import FileFormatError, InputError
+from graspcascade.grasps import Grasps
+from graspcascade.hands import HandModel
+from graspcascade.objects import CATALOGUE
+from graspcascade.postures import PosturePrior
+from graspcascade.taxonomy import GRASP_TYPES
+from graspcascade.trials import TOUCH_COLUMNS, VERDICTS, Outcomes, Protocol
+
+module = sys.modules["graspcascade.dataset.collect"]
+EVERY_CELL = module.CELLS
+FEW_CELLS = (
+    ("box_small", "tripod"),
+    ("cylinder_medium", "parallel_extension"),
+    ("sphere_small", "tip_pinch"),
+    ("sphere_large", "palmar_pinch"),
+)
+SPEC = CollectionSpec(trials_per_cell=6, round_per_cell=3, seed=11)
+SHARDS = ("part-00000.parquet", "part-00001.parquet")
+
+
+class CutOffError(Exception):
+    """Stand for whatever cuts a collection off."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_cells() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "CELLS", FEW_CELLS)
+        yield
+
+
+@pytest.fixture(scope="module")
+def collection(hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Collect two rounds without interruption."""
+    folder = tmp_path_factory.mktemp("collection") / "data"
+    collect(hand, prior, SPEC, folder, protocol=short)
+    return folder
+
+
+@pytest.fixture
+def copy(collection: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(collection, tmp_path / "copy"))
+
+
+def metadata_of(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "metadata.json").read_text()))
+
+
+def write_metadata(folder: Path, metadata: dict[str, Any]) -> None:
+    (folder / "metadata.json").write_text(json.dumps(metadata))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+# What is written
+
+
+def test_a_collection_is_shards_and_a_metadata_file_and_nothing_else(collection: Path) -> None:
+    assert {path.name for path in collection.iterdir()} == {*SHARDS, "metadata.json"}
+
+
+def test_shards_are_plain_tables_with_joints_by_name(collection: Path, hand: HandModel) -> None:
+    for name in SHARDS:
+        table = pq.read_table(collection / name)
+        assert table.num_rows == 12
+        for prefix in ("posture", "settled"):
+            assert {f"{prefix}_{joint}" for joint in hand.joint_names} <= set(table.column_names)
+        for touch in TOUCH_COLUMNS:
+            assert table.schema.field(f"touch_end_{touch}").type == pa.bool_()
+        for field in table.schema:
+            label = pa.types.is_dictionary(field.type) and field.type.value_type == pa.string()
+            assert label or field.type in (pa.bool_(), pa.float32()), field
+
+
+def test_a_shards_values_are_those_of_its_names(collection: Path) -> None:
+    rows = pa.concat_tables(
+        [pq.read_table(collection / name) for name in SHARDS], promote_options="default"
+    ).to_pylist()
+    dataset = load_dataset(collection)
+    for i, row in enumerate(rows):
+        posture = dataset.grasps.posture_by_name()
+        assert row["posture_THJ4"] == posture["THJ4"][i]
+        assert (row["object_label"], row["grasp_type"]) in FEW_CELLS
+        assert row["verdict"] in VERDICTS
+        assert row["held"] == (row["verdict"] == "held")
+        assert row["faithful"] == dataset.outcomes.faithful(dataset.grasps)[i]
+        assert row["object_x_m"] == dataset.grasps.X_hand_object.position_m[i, 0]
+        assert row["side_m"] == pytest.approx(CATALOGUE[row["object_label"]].sides_m[row["side_axis"]])
+
+
+def test_metadata_says_what_the_rows_rest_on(
+    collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol
+) -> None:
+    metadata = metadata_of(collection)
+    assert metadata["schema_version"] == SCHEMA_VERSION
+    assert metadata["hand"] == hand.description.name
+    assert metadata["joint_names"] == list(hand.joint_names)
+    assert metadata["pregrasp_rad"] == hand.pregrasp.tolist()
+    assert metadata["prior"] == prior.fingerprint()
+    assert metadata["protocol"] == short.to_json()
+    assert metadata["seed"] == SPEC.seed
+    assert metadata["collection"]["trials_per_cell"] == 6
+    assert {"graspcascade", "mujoco", "numpy", "python"} <= set(metadata["versions"])
+    sizes = {label: {"shape": o.shape, "extents_m": list(o.extents_m)} for label, o in CATALOGUE.items()}
+    assert metadata["objects"] == sizes
+    assert [shard["file"] for shard in metadata["shards"]] == list(SHARDS)
+    for shard in metadata["shards"]:
+        assert shard["sha256"] == hashlib.sha256((collection / shard["file"]).read_bytes()).hexdigest()
+        assert shard["rows"] == pq.read_metadata(collection / shard["file"]).num_rows
+
+
+def test_counts_are_those_of_the_rows(collection: Path) -> None:
+    dataset, counts = load_dataset(collection), metadata_of(collection)["counts"]
+    held, faithful = dataset.outcomes.held, dataset.outcomes.faithful(dataset.grasps)
+    assert (counts["trials"], counts["held"], counts["faithful"]) == (24, held.sum(), faithful.sum())
+    assert counts["screened_out"] == sum(shard["screened_out"] for shard in dataset.metadata["shards"])
+    for cell in counts["cells"]:
+        rows = (dataset.grasps.object_label == cell["object"]) & (dataset.grasps.grasp_type == cell["grasp_type"])
+        found = (rows.sum(), held[rows].sum(), faithful[rows].sum())
+        assert (cell["trials"], cell["held"], cell["faithful"]) == found
+
+
+def test_successes_and_failures_are_kept_alike_and_no_hopeless_candidate_is_tried(
+    collection: Path, hand: HandModel
+) -> None:
+    dataset = load_dataset(collection)
+    assert 0 < dataset.outcomes.held.sum() < len(dataset.outcomes)
+    assert not cannot_touch(hand, dataset.grasps).any()
+
+
+def test_a_whole_collection_fills_every_object_and_type() -> None:
+    assert set(EVERY_CELL) == {(label, name) for label in CATALOGUE for name in GRASP_TYPES}
+    assert len(EVERY_CELL) == 54
+
+
+# Round trip
+
+
+def test_a_loaded_dataset_equals_what_was_collected(
+    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[tuple[Grasps, Outcomes]] = []
+    to_columns = module.to_columns
+
+    def keep(grasps: Grasps, outcomes: Outcomes) -> Any:
+        written.append((grasps, outcomes))
+        return to_columns(grasps, outcomes)
+
+    monkeypatch.setattr(module, "to_columns", keep)
+    collect(hand, prior, SPEC, tmp_path / "data", protocol=short)
+    dataset = load_dataset(tmp_path / "data")
+    assert dataset.grasps.joint_names == hand.joint_names
+    grasps = Grasps.concatenate([g for g, _ in written]).columns()
+    outcomes = Outcomes.concatenate([o for _, o in written]).columns()
+    grasps["object_size_m"] = outcomes["object_size_m"]  # what the trial measured
+    assert_equal_in_single_precision(dataset.grasps.columns(), grasps)
+    assert_equal_in_single_precision(dataset.outcomes.columns(), outcomes)
+
+
+def assert_equal_in_single_precision(found: dict[str, Any], expected: dict[str, Any]) -> None:
+    assert set(found) == set(expected)
+    for name, column in expected.items():
+        if column.dtype.kind == "f":
+            np.testing.assert_allclose(found[name], column, rtol=1e-6, atol=1e-7, err_msg=name)
+        else:
+            np.testing.assert_array_equal(found[name], column, err_msg=name)
+
+
+# Going on
+
+
+def test_a_finished_collection_is_left_as_it_is(
+    copy: Path, hand: HandModel, prior: PosturePrior, short: Protocol
+) -> None:
+    before = contents(copy)
+    state = collect(hand, prior, SPEC, copy, protocol=short)
+    assert state.rounds == 2
+    assert state.trials.tolist() == [6, 6, 6, 6]
+    assert contents(copy) == before
+
+
+def test_a_collection_that_lost_its_last_round_writes_it_again(
+    copy: Path, collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol
+) -> None:
+    metadata = metadata_of(copy)
+    metadata["shards"].pop()
+    write_metadata(copy, metadata)
+    (copy / SHARDS[1]).unlink()
+    collect(hand, prior, SPEC, copy, protocol=short, n_threads=1)
+    assert contents(copy) == contents(collection)
+
+
+def test_a_collection_cut_off_between_rounds_goes_on_as_if_nothing_had_happened(
+    collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+) -> None:
+    def stop(state: Any) -> None:
+        if state.rounds == 1:
+            raise CutOffError
+
+    with pytest.raises(CutOffError):
+        collect(hand, prior, SPEC, tmp_path / "data", protocol=short, progress=stop)
+    assert set(contents(tmp_path / "data")) == {SHARDS[0], "metadata.json"}
+    collect(hand, prior, SPEC, tmp_path / "data", protocol=short)
+    assert contents(tmp_path / "data") == contents(collection)
+
+
+@pytest.mark.parametrize("step", ["run", "write_shard", "write_metadata"])
+def test_a_collection_cut_off_within_a_round_goes_on_as_if_nothing_had_happened(
+    collection: Path,
+    hand: HandModel,
+    prior: PosturePrior,
+    short: Protocol,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    step: str,
+) -> None:
+    whole, calls = getattr(module, step), []
+
+    def cut_off(*args: Any, **options: Any) -> Any:
+        calls.append(step)
+        if len(calls) == 2:
+            raise CutOffError
+        return whole(*args, **options)
+
+    monkeypatch.setattr(module, step, cut_off)
+    with pytest.raises(CutOffError):
+        collect(hand, prior, SPEC, tmp_path / "data", protocol=short)
+    monkeypatch.setattr(module, step, whole)
+    collect(hand, prior, SPEC, tmp_path / "data", protocol=short)
+    assert contents(tmp_path / "data") == contents(collection)
+
+
+def test_more_may_be_asked_of_a_collection(
+    copy: Path, collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol
+) -> None:
+    state = collect(hand, prior, replace(SPEC, trials_per_cell=7), copy, protocol=short)
+    assert state.rounds == 3
+    assert (copy / SHARDS[0]).read_bytes() == (collection / SHARDS[0]).read_bytes()
+    assert len(load_dataset(copy).grasps) == 36
+
+
+def test_only_unfinished_cells_are_drawn(hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path) -> None:
+    spec = CollectionSpec(trials_per_cell=0, successes_per_cell=1, round_per_cell=2, seed=3)
+    states: list[Any] = []
+    end = collect(hand, prior, spec, tmp_path / "data", protocol=short, progress=states.append)
+    assert (end.held >= 1).all()
+    for before, after in pairwise(states):
+        drawn = after.trials > before.trials
+        np.testing.assert_array_equal(drawn, before.held < 1)
+
+
+# Refusals
+
+
+@pytest.mark.parametrize("changed", ["seed", "round_per_cell", "protocol", "prior", "hand"])
+def test_other_arguments_than_the_collections_own_are_refused_and_nothing_is_lost(
+    copy: Path, hand: HandModel, prior: PosturePrior, short: Protocol, changed: str
+) -> None:
+    spec, protocol = SPEC, short
+    if changed in ("seed", "round_per_cell"):
+        spec = replace(SPEC, **{changed: 5})
+    elif changed == "protocol":
+        protocol = replace(short, friction=0.6)
+    elif changed == "hand":
+        hand = replace(hand, description=replace(hand.description, name="another"))
+    else:
+        metadata = metadata_of(copy)
+        write_metadata(copy, metadata | {"prior": "0" * 16})
+    before = contents(copy)
+    with pytest.raises(InputError, match=f"collection with another {changed}"):
+        collect(hand, prior, spec, copy, protocol=protocol)
+    assert contents(copy) == before
+
+
+def test_a_folder_that_holds_something_else_is_refused(
+    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds no collection"):
+        collect(hand, prior, SPEC, tmp_path, protocol=short)
+    assert contents(tmp_path) == {"notes.txt": b"mine"}
+    with pytest.raises(FileFormatError, match=r"no metadata\.json"):
+        load_dataset(tmp_path)
+    with pytest.raises(FileFormatError, match=r"no metadata\.json"):
+        load_dataset(tmp_path / "absent")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '"text"', '{"schema_version": 1}', '{"schema_version": 999}'])
+def test_metadata_that_is_no_metadata_is_refused(
+    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path, text: str
+) -> None:
+    (tmp_path / "metadata.json").write_text(text)
+    with pytest.raises(FileFormatError, match=r"metadata\.json"):
+        load_dataset(tmp_path)
+    with pytest.raises(FileFormatError, match=r"metadata\.json"):
+        collect(hand, prior, SPEC, tmp_path, protocol=short)
+    assert contents(tmp_path) == {"metadata.json": text.encode()}
+
+
+def test_a_dataset_without_shards_is_refused(copy: Path) -> None:
+    write_metadata(copy, metadata_of(copy) | {"shards": []})
+    with pytest.raises(InputError, match="holds no shards yet"):
+        load_dataset(copy)
+
+
+@pytest.mark.parametrize("keep", [0, 4, 1000, -1])
+def test_a_truncated_shard_is_refused_by_its_name(copy: Path, keep: int) -> None:
+    shard = copy / SHARDS[1]
+    shard.write_bytes(shard.read_bytes()[:keep])
+    with pytest.raises(FileFormatError, match=SHARDS[1]):
+        load_dataset(copy)
+
+
+def test_an_absent_shard_is_refused_by_its_name(copy: Path) -> None:
+    (copy / SHARDS[0]).unlink()
+    with pytest.raises(FileFormatError, match=SHARDS[0]):
+        load_dataset(copy)
+
+
+def test_a_readable_shard_of_another_collection_is_refused(copy: Path) -> None:
+    shutil.copy(copy / SHARDS[0], copy / SHARDS[1])
+    with pytest.raises(FileFormatError, match="checksum"):
+        load_dataset(copy)
+
+
+def test_a_shard_without_a_column_is_refused_by_the_columns_name(copy: Path) -> None:
+    metadata = metadata_of(copy)
+    for shard in metadata["shards"]:
+        path = copy / shard["file"]
+        pq.write_table(pq.read_table(path).drop_columns(["posture_THJ4"]), path)
+        shard["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    write_metadata(copy, metadata)
+    with pytest.raises(FileFormatError, match="lacks column 'posture_THJ4'"):
+        load_dataset(copy)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"trials_per_cell": -1},
+        {"successes_per_cell": -1},
+        {"round_per_cell": 0},
+        {"trials_per_cell": 0, "successes_per_cell": 0},
+    ],
+)
+def test_a_collection_of_nothing_is_refused(wrong: dict[str, int]) -> None:
+    with pytest.raises(InputError):
+        CollectionSpec(**wrong)

@@ -1,0 +1,602 @@
+"""Evaluation: intervals as published, runs that depend on seeds alone, and a page that says what the JSON says."""
+
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binomtest
+
+from graspcascade.dataset import load_dataset
+from graspcascade.dataset.collect import CELLS
+from graspcascade.errors import FileFormatError, InputError
+from graspcascade.evaluation import (
+    ROUND_PER_CELL,
+    Cell,
+    Evaluation,
+    Source,
+    evaluate,
+    heuristic_source,
+    model_source,
+    newcombe,
+    report,
+    runs,
+    store,
+    wilson,
+)
+from graspcascade.grasps import Grasps
+from graspcascade.hands import SHADOW_HAND, shadow_hand
+from graspcascade.objects import grasp_object
+from graspcascade.poses import Pose
+from graspcascade.postures import PosturePrior
+from graspcascade.taxonomy import GRASP_TYPES
+from graspcascade.trials import PAPER, TOUCH_COLUMNS, VERDICTS, Outcomes, Protocol, run
+
+TWO_CELLS = (("box_medium", "tripod"), ("cylinder_small", "tip_pinch"))
+ASKED: dict[str, Any] = {"per_cell": 1, "seed": 0, "cells": TWO_CELLS}
+JOINTS = SHADOW_HAND.joint_names
+
+
+def stub(types: np.ndarray, labels: np.ndarray, axes: np.ndarray, rng: np.random.Generator) -> Grasps:
+    """Draw grasps that mean nothing; the fake physics below reads its verdicts off them."""
+    n = len(types)
+    quat = rng.normal(size=(n, 4))
+    return Grasps(
+        joint_names=JOINTS,
+        grasp_type=types,
+        object_label=labels,
+        side_axis=axes,
+        side_m=np.array([grasp_object(o).sides_m[a] for o, a in zip(labels, axes, strict=True)]),
+        posture=rng.uniform(0, 1, (n, len(JOINTS))),
+        pregrasp=np.zeros((n, len(JOINTS))),
+        X_hand_object=Pose(rng.normal(size=(n, 3)), quat / np.linalg.norm(quat, axis=1, keepdims=True)),
+        grasp_size_m=np.full(n, 0.03),
+        object_size_m=np.full(n, np.nan),
+        probability=np.full(n, np.nan),
+    )
+
+
+def fake_run(grasps: Grasps, protocol: Protocol, *, progress: Callable[[int], None], **_: Any) -> Outcomes:
+    """Decide by the posture alone: no physics, the same answer to the same grasp."""
+    outcomes = Outcomes.blank(len(grasps), len(JOINTS))
+    share = grasps.posture[:, 0]
+    outcomes.verdict[:] = np.where(share < 0.5, "held", np.array(VERDICTS)[1:][(share * 1000).astype(int) % 5])
+    outcomes.touching_end[:, : len(TOUCH_COLUMNS)] = (share < 0.3)[:, None]
+    progress(len(grasps))
+    return outcomes
+
+
+@pytest.fixture
+def no_physics(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Put the fake in the runner's place and record how many trials each round executed."""
+    executed: list[int] = []
+
+    def counted(grasps: Grasps, protocol: Protocol = PAPER, **options: Any) -> Outcomes:
+        executed.append(len(grasps))
+        return fake_run(grasps, protocol, **options)
+
+    monkeypatch.setattr(runs, "run", counted)
+    return executed
+
+
+def evaluation(
+    model: str = "heuristic", seed: int = 0, per_cell: int = 20, held_share: float = 0.5, **changes: Any
+) -> Evaluation:
+    """Make up an evaluation of all 54 cells."""
+    rng = np.random.default_rng(seed)
+    cells = []
+    for label, kind in CELLS:
+        held = int(rng.binomial(per_cell, held_share))
+        rest = rng.multinomial(per_cell - held, [0.2] * 5).tolist()
+        cells.append(Cell(dict(zip(VERDICTS, [held, *rest], strict=True)), int(rng.integers(held + 1)), kind, label))
+    found = Evaluation(PAPER, model, SHADOW_HAND.name, tuple(cells), seed, per_cell, {"mujoco": "3.17.0"}, {})
+    return replace(found, **changes)
+
+
+# --- intervals
+
+
+@pytest.mark.parametrize(
+    ("successes", "n", "low", "high"),
+    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
+)
+def test_wilson_gives_the_intervals_published_by_newcombe(successes: int, n: int, low: float, high: float) -> None:
+    # DOI 10.1002/(SICI)1097-0258(19980430)17:8<857::AID-SIM777>3.0.CO;2-E, table I, method 3.
+    found = wilson(successes, n)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "low", "high"),
+    [
+        ((56, 70), (48, 80), 0.0524, 0.3339),
+        ((9, 10), (3, 10), 0.1705, 0.8090),
+        ((6, 7), (2, 7), 0.0582, 0.8062),
+        ((5, 56), (0, 29), -0.0381, 0.1926),
+        ((0, 10), (0, 20), -0.1611, 0.2775),
+        ((10, 10), (0, 10), 0.6075, 1.0),
+    ],
+)
+def test_newcombe_gives_the_published_intervals(
+    one: tuple[int, int], two: tuple[int, int], low: float, high: float
+) -> None:
+    # DOI 10.1002/(SICI)1097-0258(19980430)17:8<873::AID-SIM779>3.0.CO;2-I, table II, method 10.
+    found = newcombe(*one, *two)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
+
+
+counts = st.integers(1, 30_000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
+
+
+@given(counts)
+def test_wilson_agrees_with_scipy(count: tuple[int, int]) -> None:
+    theirs = binomtest(*count).proportion_ci(0.95, method="wilson")
+    found = wilson(*count)
+    assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
+
+
+@given(counts)
+def test_a_rate_lies_in_its_interval_and_the_interval_in_the_unit_interval(count: tuple[int, int]) -> None:
+    found = wilson(*count)
+    assert 0.0 <= found.low <= found.rate <= found.high <= 1.0
+
+
+@given(counts)
+def test_counting_failures_mirrors_the_interval(count: tuple[int, int]) -> None:
+    successes, n = count
+    found, mirror = wilson(successes, n), wilson(n - successes, n)
+    assert (found.low, found.high) == pytest.approx((1 - mirror.high, 1 - mirror.low), abs=1e-12)
+
+
+@given(counts, st.integers(2, 10))
+def test_more_trials_at_the_same_rate_narrow_the_interval(count: tuple[int, int], times: int) -> None:
+    few, many = wilson(*count), wilson(count[0] * times, count[1] * times)
+    assert many.high - many.low < few.high - few.low
+
+
+@given(counts, counts)
+def test_a_difference_turns_its_sign_with_the_order(one: tuple[int, int], two: tuple[int, int]) -> None:
+    found, turned = newcombe(*one, *two), newcombe(*two, *one)
+    assert -1.0 - 1e-12 <= found.low <= found.difference <= found.high <= 1.0 + 1e-12
+    assert (found.low, found.high) == pytest.approx((-turned.high, -turned.low), abs=1e-12)
+
+
+def test_no_trials_tell_nothing() -> None:
+    found = wilson(0, 0)
+    assert math.isnan(found.rate)
+    assert (found.low, found.high) == (0.0, 1.0)
+    assert found.to_json()["rate"] is None
+    assert math.isnan(newcombe(0, 0, 1, 2).difference)
+
+
+@pytest.mark.parametrize(("successes", "n"), [(-1, 3), (4, 3), (0, -1)])
+def test_impossible_counts_are_refused(successes: int, n: int) -> None:
+    with pytest.raises(ValueError, match="between 0 and n"):
+        wilson(successes, n)
+
+
+# --- runs
+
+
+def test_every_cell_gets_the_trials_asked_for(no_physics: list[int]) -> None:
+    found = evaluate("stub", stub, per_cell=3, seed=0)
+    assert [(cell.object_label, cell.grasp_type) for cell in found.cells] == list(CELLS)
+    assert {cell.n for cell in found.cells} == {3}
+    assert found.n == 3 * len(CELLS) == sum(no_physics)
+    assert found.held == wilson(sum(cell.held for cell in found.cells), found.n)
+    assert found.faithful == wilson(sum(cell.faithful for cell in found.cells), found.n)
+
+
+def test_counts_are_those_of_the_outcomes(no_physics: list[int]) -> None:
+    drawn: list[Grasps] = []
+
+    def recorded(*args: Any) -> Grasps:
+        drawn.append(stub(*args))
+        return drawn[-1]
+
+    found = evaluate("stub", recorded, per_cell=ROUND_PER_CELL + 3, seed=1, cells=TWO_CELLS)
+    grasps = Grasps.concatenate(drawn)
+    outcomes = fake_run(grasps, PAPER, progress=lambda _: None)
+    for cell in found.cells:
+        rows = (grasps.object_label == cell.object_label) & (grasps.grasp_type == cell.grasp_type)
+        assert dict(cell.verdicts) == {verdict: int((outcomes.verdict[rows] == verdict).sum()) for verdict in VERDICTS}
+        assert cell.faithful == int(outcomes.faithful(grasps)[rows].sum())
+    assert len(drawn) == 2
+
+
+def test_the_seed_alone_decides(no_physics: list[int]) -> None:
+    one, again, other = (evaluate("stub", stub, per_cell=30, seed=s, cells=TWO_CELLS) for s in (5, 5, 6))
+    assert one == again
+    assert one.cells != other.cells
+
+
+def test_sides_are_drawn_evenly_from_the_graspable_ones(no_physics: list[int]) -> None:
+    seen: list[str] = []
+
+    def recorded(types: np.ndarray, labels: np.ndarray, axes: np.ndarray, rng: np.random.Generator) -> Grasps:
+        seen.extend(axes.tolist())
+        return stub(types, labels, axes, rng)
+
+    evaluate("stub", recorded, per_cell=600, seed=0, cells=[("box_large", "tripod")])
+    assert set(seen) == set(grasp_object("box_large").graspable_sides_m) == {"x", "y"}
+    assert seen.count("x") == pytest.approx(300, abs=60)
+
+
+def test_progress_goes_from_nothing_to_all(no_physics: list[int]) -> None:
+    told: list[tuple[int, int]] = []
+    evaluate(
+        "stub", stub, per_cell=25, seed=0, cells=TWO_CELLS, progress=lambda done, total: told.append((done, total))
+    )
+    assert told[0] == (0, 50)
+    assert told[-1] == (50, 50)
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+
+
+class CutOffError(Exception):
+    """Stand for whatever ends a process."""
+
+
+def cut_off_after(rounds: int) -> Source:
+    left = iter(range(rounds))
+
+    def draw(*args: Any) -> Grasps:
+        if next(left, None) is None:
+            raise CutOffError
+        return stub(*args)
+
+    return draw
+
+
+@pytest.mark.parametrize("rounds", [0, 1, 2])
+def test_a_resumed_evaluation_equals_an_uninterrupted_one(tmp_path: Path, no_physics: list[int], rounds: int) -> None:
+    asked: dict[str, Any] = {"per_cell": 2 * ROUND_PER_CELL + 5, "seed": 3, "cells": TWO_CELLS, "out": tmp_path / "run"}
+    with pytest.raises(CutOffError):
+        evaluate("stub", cut_off_after(rounds), **asked)
+    assert not (tmp_path / "run" / "evaluation.json").exists()
+    resumed = evaluate("stub", stub, **asked)
+    assert resumed == evaluate("stub", stub, **asked | {"out": None})
+    assert sum(no_physics) == 2 * resumed.n  # no trial was executed twice for the resumed one
+    assert Evaluation.load(tmp_path / "run" / "evaluation.json") == resumed
+
+
+def test_a_finished_evaluation_is_not_run_again(tmp_path: Path, no_physics: list[int]) -> None:
+    asked: dict[str, Any] = {"per_cell": 4, "seed": 3, "cells": TWO_CELLS, "out": tmp_path / "run"}
+    first = evaluate("stub", stub, **asked)
+    text = (tmp_path / "run" / "evaluation.json").read_bytes()
+    no_physics.clear()
+    assert evaluate("stub", stub, **asked) == first
+    assert (tmp_path / "run" / "evaluation.json").read_bytes() == text
+    assert no_physics == []
+
+
+def test_stored_rows_are_a_dataset(tmp_path: Path, no_physics: list[int]) -> None:
+    pytest.importorskip("pyarrow")
+    found = evaluate("stub", stub, per_cell=25, seed=0, cells=TWO_CELLS, out=tmp_path / "run")
+    rows = load_dataset(tmp_path / "run")
+    assert len(rows.grasps) == found.n
+    assert int(rows.outcomes.held.sum()) == found.total.held
+    assert int(rows.outcomes.faithful(rows.grasps).sum()) == found.total.faithful
+
+
+def test_without_pyarrow_an_evaluation_resumes_from_its_counts(
+    tmp_path: Path, no_physics: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store, "find_spec", lambda _: None)
+    asked: dict[str, Any] = {"per_cell": 25, "seed": 0, "cells": TWO_CELLS, "out": tmp_path / "run"}
+    with pytest.raises(CutOffError):
+        evaluate("stub", cut_off_after(1), **asked)
+    assert evaluate("stub", stub, **asked) == evaluate("stub", stub, **asked | {"out": None})
+    assert not list((tmp_path / "run").glob("*.parquet"))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"per_cell": 5},
+        {"seed": 1},
+        {"protocol": replace(PAPER, friction=1.0)},
+        {"cells": TWO_CELLS[:1]},
+        {"metadata": {"weights": "b"}},
+        {"hand": replace(SHADOW_HAND, name="another")},
+    ],
+)
+def test_a_folder_with_other_arguments_is_refused(
+    tmp_path: Path, no_physics: list[int], change: dict[str, Any]
+) -> None:
+    asked: dict[str, Any] = {"per_cell": 4, "seed": 0, "cells": TWO_CELLS, "out": tmp_path / "run"}
+    evaluate("stub", stub, **asked, metadata={"weights": "a"})
+    before = {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()}
+    with pytest.raises(InputError, match="same arguments"):
+        evaluate("stub", stub, **{"metadata": {"weights": "a"}} | asked | change)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before
+
+
+def test_a_retrained_model_under_the_same_name_is_refused(tmp_path: Path, no_physics: list[int]) -> None:
+    def retrained(*args: Any) -> Grasps:
+        grasps = stub(*args)
+        return replace(grasps, posture=grasps.posture + 0.01)
+
+    evaluate("stub", stub, per_cell=4, seed=0, cells=TWO_CELLS, out=tmp_path / "run")
+    with pytest.raises(InputError, match="another model"):
+        evaluate("stub", retrained, per_cell=4, seed=0, cells=TWO_CELLS, out=tmp_path / "run")
+
+
+def test_a_folder_with_other_files_is_refused(tmp_path: Path, no_physics: list[int]) -> None:
+    (tmp_path / "precious.txt").write_text("mine")
+    with pytest.raises(InputError, match="not empty"):
+        evaluate("stub", stub, per_cell=1, seed=0, cells=TWO_CELLS, out=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["precious.txt"]
+    (tmp_path / "metadata.json").write_text("{")
+    with pytest.raises(FileFormatError):
+        evaluate("stub", stub, per_cell=1, seed=0, cells=TWO_CELLS, out=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"per_cell": 0}, "at least 1"),
+        ({"seed": -1}, "negative"),
+        ({"cells": ()}, "at least one cell"),
+        ({"cells": TWO_CELLS + TWO_CELLS}, "once"),
+        ({"cells": [("box_mediun", "tripod")]}, "box_medium"),
+        ({"cells": [("box_medium", "tripot")]}, "tripod"),
+        ({"metadata": {"weights": object()}}, "plain JSON"),
+    ],
+)
+def test_bad_arguments_are_refused_before_any_trial(no_physics: list[int], change: dict[str, Any], word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        evaluate("stub", stub, **ASKED | change)
+    assert no_physics == []
+
+
+@pytest.mark.parametrize(
+    "cheat",
+    [
+        lambda grasps: grasps[1:],
+        lambda grasps: replace(grasps, grasp_type=np.full(len(grasps), "tripod")),
+        lambda grasps: replace(grasps, side_axis=np.full(len(grasps), "x")),
+        lambda grasps: replace(grasps, joint_names=grasps.joint_names[::-1]),
+    ],
+)
+def test_a_source_that_answers_another_question_is_refused(
+    no_physics: list[int], cheat: Callable[[Grasps], Grasps]
+) -> None:
+    with pytest.raises(InputError, match="source"):
+        evaluate("cheat", lambda *args: cheat(stub(*args)), per_cell=8, seed=0, cells=TWO_CELLS)
+    assert no_physics == []
+
+
+def test_a_sampler_is_asked_for_rows(no_physics: list[int]) -> None:
+    class Sampler:
+        def sample_rows(self, *args: Any) -> Grasps:
+            return stub(*args)
+
+    one = evaluate("stub", model_source(Sampler()), per_cell=2, seed=0, cells=TWO_CELLS)
+    assert one == evaluate("stub", stub, per_cell=2, seed=0, cells=TWO_CELLS)
+
+
+def test_the_heuristic_is_executed_unscreened_in_real_physics() -> None:
+    hand, executed = shadow_hand(), []
+    heuristic = heuristic_source(hand, PosturePrior.pretrained())
+
+    def recorded(*args: Any) -> Grasps:
+        executed.append(heuristic(*args))
+        return executed[-1]
+
+    cells = [("sphere_medium", "tripod"), ("sphere_medium", "tip_pinch")]
+    found = evaluate("heuristic", recorded, per_cell=4, seed=0, cells=cells, n_threads=1)
+    outcomes = run(executed[0], PAPER, n_threads=2)
+    assert found.n == len(executed[0]) == 8
+    assert found.total.held == int(outcomes.held.sum())
+    assert found.total.faithful == int(outcomes.faithful(executed[0]).sum())
+
+
+def test_evaluating_needs_neither_torch_nor_pyarrow() -> None:
+    code = "import sys, graspcascade.evaluation; assert not {'torch', 'pyarrow'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+# --- records
+
+
+def test_an_evaluation_survives_its_file(tmp_path: Path) -> None:
+    found = evaluation(model_metadata={"training": {"epochs": 3, "widths": [64, 64]}})
+    found.save(tmp_path / "heuristic.json")
+    assert Evaluation.load(tmp_path / "heuristic.json") == found
+    assert [path.name for path in tmp_path.iterdir()] == ["heuristic.json"]
+
+
+def test_json_has_the_keys_of_the_command_line() -> None:
+    found = evaluation()
+    data = found.to_json()
+    assert data["protocol"] == "paper"
+    assert data["protocol_parameters"]["friction"] == 0.8
+    assert (data["model"], data["n"], data["seed"], data["per_cell"]) == ("heuristic", 54 * 20, 0, 20)
+    assert data["held"] == {"rate": found.held.rate, "low": found.held.low, "high": found.held.high}
+    assert data["faithful"].keys() == data["held"].keys()
+    assert data["cells"][0].keys() >= {"grasp_type", "object", "n", "held", "faithful"}
+    for split in ("by_type", "by_object"):
+        summed = {v: sum(tally[v] for tally in data["verdicts"][split].values()) for v in VERDICTS}
+        assert summed == data["verdicts"]["overall"]
+    assert list(data["verdicts"]["by_type"]) == list(GRASP_TYPES)
+
+
+def edited(change: Callable[[dict[str, Any]], Any]) -> str:
+    data = evaluation().to_json()
+    change(data)
+    return json.dumps(data)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        '{"rate": 0.9}',
+        edited(lambda d: d.pop("cells")),
+        edited(lambda d: d.update(schema_version=99)),
+        edited(lambda d: d.update(cells=[])),
+        edited(lambda d: d["cells"].pop()),
+        edited(lambda d: d["cells"].append(d["cells"][0])),
+        edited(lambda d: d["held"].update(rate=0.99)),
+        edited(lambda d: d["cells"][0].update(held=d["cells"][0]["held"] + 1)),
+        edited(lambda d: d["cells"][0].update(faithful=10**6)),
+        edited(lambda d: d["cells"][0]["verdicts"].update(missed="many")),
+        edited(lambda d: d["protocol_parameters"].update(luck=1.0)),
+        edited(lambda d: d.update(protocol="lenient")),
+        edited(lambda d: d.update(versions=3)),
+    ],
+)
+def test_foreign_and_doctored_files_are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "heuristic.json"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=r"heuristic\.json"):
+        Evaluation.load(path)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="nothing"):
+        Evaluation.load(tmp_path / "nothing.json")
+
+
+# --- the page
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    folder = tmp_path / "results"
+    evaluation().save(folder / "heuristic.json")
+    evaluation("model3", 1, held_share=0.8, model_metadata={"trained_on": "60k"}).save(folder / "model3.json")
+    evaluation("model10", 2, held_share=0.7).save(folder / "model10.json")
+    slippery = replace(PAPER, name="paper-friction-0.6", friction=0.6)
+    evaluation("model3", 3, protocol=slippery).save(folder / "sensitivity_friction.json")
+    return folder
+
+
+def page(results: Path) -> str:
+    report(results, results.parent / "results.md")
+    return (results.parent / "results.md").read_text()
+
+
+def words(rate: Any) -> str:
+    return f"{100 * rate.rate:.1f} % [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
+
+
+def test_the_page_is_the_same_for_the_same_files(results: Path) -> None:
+    assert page(results) == page(results)
+    assert "graspcascade report" in page(results).split("##")[0]
+
+
+def test_the_page_shows_every_number(results: Path) -> None:
+    text = page(results)
+    for name, value in PAPER.to_json().items():
+        assert name == "name" or f"| {name} | {value:g} |" in text
+    for path in results.glob("*.json"):
+        found = Evaluation.load(path)
+        assert words(found.held) in text
+        assert words(found.faithful) in text
+        for count in found.total.verdicts.values():
+            assert f"{100 * count / found.n:.1f}" in text
+        if found.protocol != PAPER:
+            continue
+        section = text.split(f"\n## {found.model}\n")[1].split("\n## ")[0]
+        for name, tally in (found.by_type | found.by_object).items():
+            numbers = (str(tally.n), str(tally.held), words(tally.held_rate), str(tally.faithful))
+            assert (
+                " | ".join((f"| {name}", *numbers, words(tally.faithful_rate), words(tally.faithful_of_held)))
+                in section
+            )
+        for cell in found.cells:
+            assert f"{100 * cell.held_rate.rate:.1f} / {100 * cell.faithful_rate.rate:.1f}" in section
+        assert f"protocol `{found.protocol.name}`" in section
+        assert f"{found.n} trials" in section
+
+
+def test_models_are_compared_with_the_heuristic(results: Path) -> None:
+    one, base = (Evaluation.load(results / f"{name}.json").total for name in ("model3", "heuristic"))
+    held = newcombe(one.held, one.n, base.held, base.n)
+    assert f"{100 * held.difference:+.1f} [{100 * held.low:+.1f}, {100 * held.high:+.1f}]" in page(results)
+
+
+def test_the_heuristic_comes_first_and_models_in_the_order_of_their_numbers(results: Path) -> None:
+    evaluation("adam", 4).save(results / "adam.json")
+    text = page(results)
+    places = [text.index(f"\n## {name}\n") for name in ("heuristic", "adam", "model3", "model10")]
+    assert places == sorted(places)
+
+
+def test_evaluations_of_one_name_are_told_apart_by_their_files(results: Path) -> None:
+    evaluation("model3", 5).save(results / "model3_seed1.json")
+    text = page(results)
+    assert "\n## model3\n" in text
+    assert "\n## model3 (model3_seed1)\n" in text
+
+
+def test_another_protocol_is_named_and_kept_apart(results: Path) -> None:
+    text = page(results)
+    apart = text.split("## Other conditions")[1].split("\n## ")[0]
+    assert "friction 0.6 (`paper`: 0.8)" in apart
+    assert "`paper-friction-0.6`" in apart
+    assert "sensitivity_friction" not in text.split("## Success rates")[1].split("\n## ")[0]
+
+
+def test_the_page_follows_the_json(results: Path) -> None:
+    before = page(results)
+    changed = evaluation("model3", 9, held_share=0.6)
+    changed.save(results / "model3.json")
+    after = page(results)
+    assert before != after
+    assert words(changed.held) in after
+    assert words(changed.held) not in before
+
+
+def test_notes_are_taken_over_word_for_word(results: Path) -> None:
+    assert "What falls short" not in page(results)
+    (results / "notes.md").write_text("- Tip pinch: *why* it | fails.\n- And more.\n")
+    assert "## What falls short\n\n- Tip pinch: *why* it | fails.\n- And more.\n" in page(results)
+
+
+def test_other_measurements_become_tables(results: Path) -> None:
+    data = {
+        "title": "Two hands",
+        "description": "The same candidates.",
+        "protocol": "paper",
+        "n": 1080,
+        "held": {"primitives": {"rate": 0.455, "low": 0.42, "high": 0.49}},
+        "agreement": 0.9125,
+        "per_type": [{"grasp_type": "tripod", "agree": 170}, {"grasp_type": "tip_pinch", "agree": 160}],
+    }
+    (results / "hand_comparison.json").write_text(json.dumps(data))
+    section = page(results).split("### Two hands")[1].split("\n## ")[0]
+    for line in (
+        "The same candidates.",
+        "| n | 1080 |",
+        "| held.primitives | 45.5 % [42.0, 49.0] |",
+        "| agreement | 0.9125 |",
+        "| tripod | 170 |",
+    ):
+        assert line in section
+
+
+@pytest.mark.parametrize("text", ["{", "[1, 2]"])
+def test_an_unreadable_file_leaves_the_page_alone(results: Path, text: str) -> None:
+    before = page(results)
+    (results / "broken.json").write_text(text)
+    with pytest.raises(FileFormatError, match=r"broken\.json"):
+        report(results, results.parent / "results.md")
+    assert (results.parent / "results.md").read_text() == before
+
+
+def test_a_folder_without_evaluations_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no evaluation"):
+        report(tmp_path, tmp_path / "results.md")
+    assert not (tmp_path / "results.md").exists()

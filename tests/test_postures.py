@@ -1,0 +1,248 @@
+"""Seed postures that stay human, the human figures they follow, the contact metric, and the shipped prior."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from graspcascade.errors import FileFormatError, InputError
+from graspcascade.hands import HandModel
+from graspcascade.nets import save_decoders
+from graspcascade.postures import (
+    LabelledPostures,
+    PosturePrior,
+    SeedSpec,
+    contact_metric,
+    human_statistics,
+    make_seeds,
+    type_codes,
+)
+from graspcascade.taxonomy import GRASP_TYPES
+
+PER_TYPE = 24
+SPEC = SeedSpec(per_type=PER_TYPE)
+LETTERS = {"thumb": "TH", "index": "FF", "middle": "MF", "ring": "RF", "little": "LF"}
+every_type = pytest.mark.parametrize("name", GRASP_TYPES)
+
+
+@pytest.fixture(scope="module")
+def seeds(hand: HandModel) -> LabelledPostures:
+    return make_seeds(hand, SPEC)
+
+
+def postures_of(seeds: LabelledPostures, name: str) -> np.ndarray:
+    return np.asarray(seeds.posture[seeds.grasp_type == name])
+
+
+# Seeds
+
+
+def test_every_type_gets_its_count(hand: HandModel, seeds: LabelledPostures) -> None:
+    assert seeds.joint_names == hand.joint_names
+    assert len(seeds) == PER_TYPE * len(GRASP_TYPES)
+    assert {name: (seeds.grasp_type == name).sum() for name in GRASP_TYPES} == dict.fromkeys(GRASP_TYPES, PER_TYPE)
+
+
+@every_type
+def test_seeds_reach_their_apertures_from_10_to_65_mm(hand: HandModel, seeds: LabelledPostures, name: str) -> None:
+    thumb, other = hand.opposition(postures_of(seeds, name), GRASP_TYPES[name])
+    aperture = np.linalg.norm(other - thumb, axis=1)
+    wanted = 0.010 + 0.055 * np.linspace(0, 1, PER_TYPE) ** SPEC.aperture_skew
+    np.testing.assert_allclose(aperture, wanted, atol=0.0005)
+
+
+@every_type
+def test_supporting_places_lie_in_the_contact_plane_beside_the_index(
+    hand: HandModel, seeds: LabelledPostures, name: str
+) -> None:
+    kind, postures = GRASP_TYPES[name], postures_of(seeds, name)
+    thumb, other = hand.opposition(postures, kind)
+    axis = (other - thumb) / np.linalg.norm(other - thumb, axis=1, keepdims=True)
+    places = hand.places(hand.executed(postures), list(kind.support))
+    for rank, support in enumerate(kind.support):
+        offset = places[support].point_m - other
+        out_of_plane = (offset * axis).sum(axis=1)
+        assert np.abs(out_of_plane).max() < 0.001, support
+        beside = np.linalg.norm(offset - out_of_plane[:, None] * axis, axis=1)
+        assert np.median(beside) < SPEC.support_reach_m * (1 + rank) + 0.003, support
+
+
+@every_type
+def test_opposing_pads_face_each_other(hand: HandModel, seeds: LabelledPostures, name: str) -> None:
+    kind, postures = GRASP_TYPES[name], postures_of(seeds, name)
+    thumb, other = (hand.places(hand.executed(postures), list(kind.opposition))[place] for place in kind.opposition)
+    line = other.point_m - thumb.point_m
+    axis = line / np.linalg.norm(line, axis=1, keepdims=True)
+    assert np.median((thumb.normal * axis).sum(axis=1)) > 0.7
+    assert np.median((other.normal * -axis).sum(axis=1)) > 0.7
+
+
+def test_seeds_are_inside_the_limits(hand: HandModel, seeds: LabelledPostures) -> None:
+    np.testing.assert_array_equal(hand.clip(seeds.posture), seeds.posture)
+    assert seeds.n_clipped == 0
+
+
+@every_type
+def test_seeds_are_human_like(hand: HandModel, seeds: LabelledPostures, name: str) -> None:
+    """Compare means joint by joint: within one human standard deviation for 80 % of the joints of holding digits."""
+    kind, human = GRASP_TYPES[name], human_statistics(name, hand.joint_names)
+    letters = tuple(LETTERS[digit] for digit in (*kind.required, *kind.any_of))
+    holding = human.recorded & np.array([joint.startswith(letters) for joint in hand.joint_names])
+    away = np.abs(postures_of(seeds, name).mean(axis=0) - human.mean) / human.sd
+    assert (away[holding] < 1).mean() >= 0.8
+
+
+def test_the_same_seed_makes_the_same_postures(hand: HandModel) -> None:
+    first, second, other = (make_seeds(hand, SeedSpec(per_type=2, seed=seed)) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first.posture, second.posture)
+    assert not np.array_equal(first.posture, other.posture)
+
+
+def test_progress_counts_every_seed(hand: HandModel) -> None:
+    counted: list[int] = []
+    made = make_seeds(hand, SeedSpec(per_type=1), counted.append)
+    assert sum(counted) == len(made) == 6
+
+
+# Human figures
+
+
+def test_human_figures_are_the_recorded_ones_in_radians(hand: HandModel) -> None:
+    tripod = human_statistics("tripod", hand.joint_names)
+    assert tripod.n_grasps == 83
+    column = hand.joint_names.index("FFJ1")
+    figures = [np.degrees(getattr(tripod, name)[column]) for name in ("mean", "sd", "p10", "p90")]
+    np.testing.assert_allclose(figures, [43.5, 12.9, 26.0, 60.2])
+    writing = human_statistics("writing_tripod", hand.joint_names)
+    assert writing.n_grasps == 13
+    assert np.degrees(writing.mean[hand.joint_names.index("THJ5")]) == pytest.approx(19.6)
+
+
+def test_376_grasps_were_recorded(hand: HandModel) -> None:
+    assert sum(human_statistics(name, hand.joint_names).n_grasps for name in GRASP_TYPES) == 376
+
+
+def test_only_the_metacarpal_was_not_recorded_and_stays_near_zero(hand: HandModel) -> None:
+    human = human_statistics("tripod", hand.joint_names)
+    unrecorded = [name for name, seen in zip(hand.joint_names, human.recorded, strict=True) if not seen]
+    assert unrecorded == ["LFJ5"]
+    assert human.mean[~human.recorded] == 0
+    assert np.degrees(human.sd[~human.recorded]) == pytest.approx(5)
+
+
+def test_figures_follow_the_joint_order_asked_for() -> None:
+    forward, backward = (human_statistics("tip_pinch", names) for names in (("FFJ1", "THJ4"), ("THJ4", "FFJ1")))
+    np.testing.assert_array_equal(forward.mean, backward.mean[::-1])
+
+
+@every_type
+def test_percentiles_embrace_the_mean(hand: HandModel, name: str) -> None:
+    human = human_statistics(name, hand.joint_names)
+    assert (human.p10 < human.mean).all()
+    assert (human.mean < human.p90).all()
+    assert (human.sd > 0).all()
+
+
+# Contact metric
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(list(GRASP_TYPES)))
+def test_the_metric_predicts_how_a_small_change_moves_the_contacts(hand: HandModel, seed: int, name: str) -> None:
+    kind, rng = GRASP_TYPES[name], np.random.default_rng(seed)
+    inner = 0.1 * (hand.upper_rad - hand.lower_rad)
+    posture = rng.uniform(hand.lower_rad + inner, hand.upper_rad - inner)[None]
+    change = 1e-4 * rng.standard_normal(posture.shape)
+    metric = contact_metric(hand, posture, np.array([name]))[0]
+
+    def contacts(at: np.ndarray) -> np.ndarray:
+        thumb, other = hand.opposition(at, kind)
+        places = hand.places(hand.executed(at), list(kind.support))
+        return np.concatenate([other - thumb, *(places[support].point_m - other for support in kind.support)], axis=1)[
+            0
+        ]
+
+    moved = contacts(posture + change) - contacts(posture - change)
+    predicted = metric @ (2 * change[0])
+    np.testing.assert_allclose(predicted[: len(moved)], moved, atol=3e-9)
+    assert not metric[len(moved) :].any(), "rows without a supporting place are zero"
+
+
+def test_the_metric_knows_a_slope_at_the_limits(hand: HandModel) -> None:
+    metric = contact_metric(hand, hand.lower_rad[None], np.array(["tripod"]))[0]
+    assert np.abs(metric[:3, hand.joint_names.index("FFJ2")]).max() > 0.01
+
+
+def test_the_metric_of_a_mixed_batch_is_that_of_each_row(hand: HandModel, seeds: LabelledPostures) -> None:
+    rows = np.arange(0, len(seeds), 13)
+    together = contact_metric(hand, seeds.posture[rows], seeds.grasp_type[rows])
+    for place, row in enumerate(rows):
+        alone = contact_metric(hand, seeds.posture[[row]], seeds.grasp_type[[row]])
+        np.testing.assert_allclose(together[place], alone[0], atol=1e-7)
+
+
+# Prior
+
+
+def test_the_shipped_prior_fits_the_hand(hand: HandModel, prior: PosturePrior) -> None:
+    assert prior.joint_names == hand.joint_names
+    assert prior.metadata["hand"] == hand.description.name
+    assert prior.metadata["n_postures"] >= 84 * len(GRASP_TYPES)
+
+
+@every_type
+def test_the_prior_draws_varied_postures_of_its_type(hand: HandModel, prior: PosturePrior, name: str) -> None:
+    drawn = prior.sample(np.full(400, name), np.random.default_rng(0))
+    assert drawn.shape == (400, len(hand.joint_names))
+    assert np.isfinite(drawn).all()
+    assert np.abs(drawn - hand.clip(drawn)).max() < 0.6
+    thumb, other = hand.opposition(drawn, GRASP_TYPES[name])
+    aperture = np.linalg.norm(other - thumb, axis=1)
+    assert np.percentile(aperture, 90) - np.percentile(aperture, 10) > 0.02
+    assert aperture.min() > 0
+    assert np.percentile(aperture, 99) < 0.08
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_prior_repeats_itself(prior: PosturePrior, seed: int) -> None:
+    types = list(GRASP_TYPES)
+    first, second = (prior.sample(types, np.random.default_rng(seed)) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_a_fingerprint_names_the_weights(prior: PosturePrior, tmp_path: Path) -> None:
+    assert len(prior.fingerprint()) == 16
+    assert PosturePrior.pretrained().fingerprint() == prior.fingerprint()
+    prior.save(tmp_path / "copy.safetensors")
+    copy = PosturePrior.load(tmp_path / "copy.safetensors")
+    assert copy.fingerprint() == prior.fingerprint()
+    assert copy.joint_names == prior.joint_names
+    assert copy.metadata == prior.metadata
+    types = list(GRASP_TYPES)
+    np.testing.assert_array_equal(
+        copy.sample(types, np.random.default_rng(0)), prior.sample(types, np.random.default_rng(0))
+    )
+
+
+def test_type_codes_are_one_hot_in_the_order_of_the_table() -> None:
+    np.testing.assert_array_equal(type_codes(list(GRASP_TYPES)), np.eye(6))
+    np.testing.assert_array_equal(type_codes(["Tip pinch"]), type_codes(["tip_pinch"]))
+    with pytest.raises(InputError, match=r"Did you mean 'tripod'"):
+        type_codes(["tripodd"])
+
+
+def test_a_truncated_or_foreign_prior_is_refused(prior: PosturePrior, tmp_path: Path) -> None:
+    prior.save(tmp_path / "whole.safetensors")
+    cut = tmp_path / "cut.safetensors"
+    cut.write_bytes((tmp_path / "whole.safetensors").read_bytes()[:1000])
+    foreign = tmp_path / "foreign.safetensors"
+    save_decoders(foreign, {"posture": prior.decoder}, {"joint_names": list(prior.joint_names)})
+    nameless = tmp_path / "nameless.safetensors"
+    save_decoders(nameless, {"prior": prior.decoder}, {})
+    for path in (cut, foreign, nameless):
+        with pytest.raises(FileFormatError, match=path.name):
+            PosturePrior.load(path)
+    with pytest.raises(InputError, match="no file"):
+        PosturePrior.load(tmp_path / "absent.safetensors")

@@ -1,0 +1,298 @@
+"""Trials in real physics: every verdict, and that a trial's outcome is its own."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from graspcascade.errors import InputError
+from graspcascade.grasps import Grasps
+from graspcascade.hands import SHADOW_HAND, HandModel
+from graspcascade.objects import grasp_object
+from graspcascade.poses import Pose
+from graspcascade.taxonomy import DIGITS
+from graspcascade.trials import PAPER, TOUCH_COLUMNS, VERDICTS, Outcomes, Protocol, run
+from graspcascade.trials import scene as scene_module
+from graspcascade.trials.runner import CHECK_STEPS
+
+
+def assert_same(a: Outcomes, b: Outcomes) -> None:
+    """Compare every column bit for bit."""
+    theirs = b.columns()
+    for name, column in a.columns().items():
+        np.testing.assert_array_equal(column, theirs[name], err_msg=name)
+
+
+def with_object_at(grasps: Grasps, position_m: Any) -> Grasps:
+    position = np.broadcast_to(np.asarray(position_m, dtype=float), (len(grasps), 3)).copy()
+    return replace(grasps, X_hand_object=Pose(position, grasps.X_hand_object.quat_wxyz))
+
+
+# Verdicts
+
+
+def test_a_far_object_is_missed(drawn: Grasps, short: Protocol) -> None:
+    outcomes = run(with_object_at(drawn[:6], [0.0, -0.5, 0.1]), short)
+    assert set(outcomes.verdict) == {"missed"}
+    assert not outcomes.touching_closed.any()
+    np.testing.assert_array_equal(outcomes.X_hand_object_settled.position_m, [[0.0, -0.5, 0.1]] * 6)
+    np.testing.assert_allclose(outcomes.duration_s, short.closing_steps * short.time_step_s)
+
+
+def test_an_object_in_the_palm_is_in_overlap_before_anything_moves(drawn: Grasps, short: Protocol) -> None:
+    outcomes = run(with_object_at(drawn[:6], [0.011, 0.0, 0.04]), short)
+    assert set(outcomes.verdict) == {"overlap"}
+    assert not outcomes.duration_s.any()
+    assert np.isnan(outcomes.settled_posture).all()
+    assert np.isnan(outcomes.object_size_m).all()
+
+
+@pytest.mark.parametrize(("depth_m", "overlaps"), [(0.0, False), (0.0009, False), (0.0011, True), (0.005, True)])
+def test_overlap_is_deeper_than_a_millimetre(drawn: Grasps, short: Protocol, depth_m: float, overlaps: bool) -> None:
+    sphere = drawn[drawn.object_label == "sphere_medium"][:1]
+    back_of_the_palm_m, radius_m = 0.0117, 0.0225
+    outcomes = run(with_object_at(sphere, [0.011, back_of_the_palm_m + radius_m - depth_m, 0.04]), short)
+    assert (outcomes.verdict[0] == "overlap") == overlaps
+
+
+def test_an_object_that_only_touches_the_palm_is_missed(hand: HandModel, drawn: Grasps, short: Protocol) -> None:
+    sphere = drawn[drawn.object_label == "sphere_medium"][:1]
+    resting = with_object_at(replace(sphere, posture=sphere.pregrasp), [-0.002, -0.0118 - 0.0225, 0.04])
+    assert run(resting, short).verdict[0] == "missed"
+
+
+def test_the_prior_draws_grasps_that_hold(outcomes: Outcomes) -> None:
+    assert outcomes.held.sum() > 15
+
+
+def glue_the_object(monkeypatch: pytest.MonkeyPatch, pose: Pose) -> None:
+    """Weld the object to the palm at a pose in every scene built from here on."""
+    add_object = scene_module._add_object
+
+    def add_glued_object(spec: Any, *rest: Any) -> None:
+        add_object(spec, *rest)
+        weld = spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="palm", name2="object"
+        )
+        weld.data[:11] = [0, 0, 0, *pose.position_m, *pose.quat_wxyz, 1]
+        # Stiffer than the fingers that push.
+        weld.solref[:] = [0.01, 1.0]
+
+    monkeypatch.setattr(scene_module, "_add_object", add_glued_object)
+
+
+@pytest.mark.parametrize("verdict", ["shaken_out", "dropped"])
+def test_an_object_glued_in_the_hand_is_held_though_it_falls_without_glue(
+    monkeypatch: pytest.MonkeyPatch, drawn: Grasps, outcomes: Outcomes, verdict: str
+) -> None:
+    row = np.flatnonzero(outcomes.verdict == verdict)[:1]
+    pose = outcomes.X_hand_object_settled
+    grasp = drawn[row]
+    glue_the_object(monkeypatch, Pose(pose.position_m[row[0]], pose.quat_wxyz[row[0]]))
+    # Scenes are remembered by hand, so a glued one needs a name of its own.
+    glued = run(grasp, hand=replace(SHADOW_HAND, name=f"glue_{verdict}"))
+    assert glued.verdict[0] == "held"
+    assert glued.displacement_m[0] < 0.005
+
+
+def test_an_object_that_no_digit_touches_is_not_held_even_if_it_is_glued(
+    monkeypatch: pytest.MonkeyPatch, drawn: Grasps, short: Protocol
+) -> None:
+    far = with_object_at(drawn[:1], [0.0, -0.3, 0.1])
+    glue_the_object(monkeypatch, Pose(far.X_hand_object.position_m[0], far.X_hand_object.quat_wxyz[0]))
+    assert run(far, short, hand=replace(SHADOW_HAND, name="glue_far")).verdict[0] == "missed"
+
+
+def test_an_object_heavier_than_the_fingers_can_hold_is_not_held(
+    drawn: Grasps, outcomes: Outcomes, short: Protocol
+) -> None:
+    heavy = run(drawn[outcomes.held], replace(short, density_factor=100.0))
+    assert not heavy.held.any()
+
+
+def test_hardly_any_grasp_holds_without_friction(drawn: Grasps, outcomes: Outcomes, short: Protocol) -> None:
+    slippery = run(drawn[outcomes.held], replace(short, friction=0.02))
+    assert slippery.held.mean() < 0.2
+
+
+def test_without_the_shake_a_heavy_object_is_dropped_under_its_weight(
+    drawn: Grasps, outcomes: Outcomes, short: Protocol
+) -> None:
+    still = replace(short, shake_amplitude_m=0.0, density_factor=100.0)
+    weighed = run(drawn[outcomes.held], still)
+    assert set(weighed.verdict) <= {"dropped", "missed", "held"}
+    assert (weighed.verdict == "dropped").mean() > 0.5
+    assert (weighed.duration_s[weighed.verdict == "dropped"] > 2.7).all()
+
+
+@pytest.mark.parametrize("broken", ["posture", "position"])
+def test_a_trial_that_breaks_is_unstable_and_its_companions_do_not_notice(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, drawn: Grasps, outcomes: Outcomes, short: Protocol, broken: str
+) -> None:
+    monkeypatch.chdir(tmp_path)  # the engine writes its warnings to a file beside it
+    some = drawn[:6]
+    posture, position = some.posture.copy(), some.X_hand_object.position_m.copy()
+    if broken == "posture":
+        posture[2] = np.nan
+    else:
+        position[2] = np.nan
+    bad = replace(with_object_at(some, position), posture=posture)
+    found = run(bad, short, n_slots=1)
+    assert found.verdict[2] == "unstable"
+    assert not found.held[2]
+    others = np.array([0, 1, 3, 4, 5])
+    assert_same(found[others], outcomes[others])
+
+
+# What an outcome says
+
+
+def test_outcomes_agree_with_their_verdicts(outcomes: Outcomes, short: Protocol) -> None:
+    assert set(outcomes.verdict) <= set(VERDICTS)
+    closing, shaken = 0.7, 2.7
+    full = short.total_steps * short.time_step_s
+    closed = ~np.isin(outcomes.verdict, ["overlap", "unstable"])
+    opposed_closed = outcomes.touching_closed[:, 0] & outcomes.touching_closed[:, 1:5].any(axis=1)
+    opposed_end = outcomes.touching_end[:, 0] & outcomes.touching_end[:, 1:5].any(axis=1)
+    assert TOUCH_COLUMNS[:5] == DIGITS
+    assert DIGITS[0] == "thumb"
+    np.testing.assert_array_equal(opposed_closed[closed], outcomes.verdict[closed] != "missed")
+    np.testing.assert_array_equal(opposed_end, outcomes.held)
+    assert not outcomes.touching_end[~outcomes.held].any()
+    duration = outcomes.duration_s
+    np.testing.assert_allclose(duration[outcomes.verdict == "missed"], closing)
+    np.testing.assert_allclose(duration[outcomes.held], full)
+    gone = outcomes.verdict == "shaken_out"
+    assert ((duration[gone] > closing) & (duration[gone] <= shaken + 1e-9)).all()
+    assert (outcomes.displacement_m[gone] > short.displacement_m).all()
+    assert (outcomes.displacement_m[outcomes.held] <= short.displacement_m).all()
+    assert (duration[outcomes.verdict == "dropped"] > shaken).all()
+    for column in (outcomes.settled_posture, outcomes.X_hand_object_settled.position_m):
+        assert np.isfinite(column[closed]).all()
+    norms = np.linalg.norm(outcomes.X_hand_object_settled.quat_wxyz[closed], axis=1)
+    np.testing.assert_allclose(norms, 1)
+
+
+def test_object_size_is_the_tip_distance_of_the_settled_posture(hand: HandModel, outcomes: Outcomes) -> None:
+    closed = np.isfinite(outcomes.object_size_m)
+    expected = hand.tip_distance(outcomes.settled_posture[closed])
+    np.testing.assert_array_equal(outcomes.object_size_m[closed], expected)
+
+
+def test_a_held_object_keeps_the_fingers_wider_than_they_meant_to_close(drawn: Grasps, outcomes: Outcomes) -> None:
+    held = outcomes.held
+    wider = outcomes.object_size_m[held] > drawn.grasp_size_m[held]
+    assert wider.mean() > 0.8
+
+
+# A trial is its own
+
+
+@pytest.mark.parametrize("n_slots", [1, 3, 64])
+@pytest.mark.parametrize("n_threads", [1, 2])
+def test_outcomes_do_not_depend_on_threads_or_slots(
+    drawn: Grasps, outcomes: Outcomes, short: Protocol, n_threads: int, n_slots: int
+) -> None:
+    rows = np.arange(0, len(drawn), 6)
+    assert_same(run(drawn[rows], short, n_threads=n_threads, n_slots=n_slots), outcomes[rows])
+
+
+def test_outcomes_do_not_depend_on_order(drawn: Grasps, outcomes: Outcomes, short: Protocol) -> None:
+    order = np.random.default_rng(0).permutation(len(drawn))
+    assert_same(run(drawn[order], short, n_slots=7), outcomes[order])
+
+
+def test_outcomes_do_not_depend_on_companions(drawn: Grasps, outcomes: Outcomes, short: Protocol) -> None:
+    for row in np.flatnonzero(outcomes.held)[:2]:
+        assert_same(run(drawn[row], short), outcomes[row])
+
+
+def test_joints_are_matched_by_name(drawn: Grasps, outcomes: Outcomes, short: Protocol) -> None:
+    order = np.random.default_rng(1).permutation(len(drawn.joint_names))
+    shuffled = replace(
+        drawn,
+        joint_names=tuple(drawn.joint_names[i] for i in order),
+        posture=drawn.posture[:, order],
+        pregrasp=drawn.pregrasp[:, order],
+    )
+    found = run(shuffled[:9], short)
+    # Outcomes speak of joints in the order of their grasps.
+    assert_same(replace(found, settled_posture=found.settled_posture[:, np.argsort(order)]), outcomes[:9])
+
+
+def test_an_observer_sees_every_trial_from_its_start_to_its_verdict(
+    drawn: Grasps, outcomes: Outcomes, short: Protocol
+) -> None:
+    seen: dict[int, list[int]] = {row: [] for row in range(6)}
+    places: dict[int, np.ndarray] = {}
+
+    def look(rows: np.ndarray, steps: np.ndarray, postures: np.ndarray, poses: np.ndarray) -> None:
+        assert postures.shape == (len(rows), len(drawn.joint_names))
+        for row, step, pose in zip(rows, steps, poses, strict=True):
+            seen[int(row)].append(int(step))
+            if step == short.closing_steps:
+                places[int(row)] = pose[:3].copy()
+
+    assert_same(run(drawn[:6], short, n_slots=4, observe=look), outcomes[:6])
+    for row, steps in seen.items():
+        assert steps == list(range(CHECK_STEPS, steps[-1] + 1, CHECK_STEPS))
+        assert steps[-1] * short.time_step_s == pytest.approx(outcomes.duration_s[row])
+        np.testing.assert_array_equal(places[row], outcomes.X_hand_object_settled.position_m[row])
+
+
+def test_grasps_that_lack_joints_of_the_hand_are_refused(drawn: Grasps, short: Protocol) -> None:
+    fewer = replace(
+        drawn, joint_names=drawn.joint_names[2:], posture=drawn.posture[:, 2:], pregrasp=drawn.pregrasp[:, 2:]
+    )
+    with pytest.raises(InputError, match="lack joints of shadow_hand_right: FFJ4, FFJ3"):
+        run(fewer, short)
+
+
+def test_no_grasps_give_no_outcomes(drawn: Grasps) -> None:
+    assert len(run(drawn[:0])) == 0
+
+
+def test_progress_counts_every_trial_once(drawn: Grasps, short: Protocol) -> None:
+    some = Grasps.concatenate([drawn[:6], with_object_at(drawn[:3], [0.011, 0.0, 0.04])])
+    counted: list[int] = []
+    run(some, short, n_slots=2, progress=counted.append)
+    assert sum(counted) == len(some)
+
+
+def test_the_reduced_scene_judges_like_the_whole_hand(drawn: Grasps, outcomes: Outcomes, short: Protocol) -> None:
+    rows = np.arange(0, len(drawn), 3)
+    whole = run(drawn[rows], short, reduced=False)
+    assert np.mean(whole.held == outcomes.held[rows]) >= 0.9
+
+
+@pytest.mark.parametrize("time_step_s", [0.003, 0.0035])
+def test_every_phase_is_judged_whatever_the_time_step(
+    drawn: Grasps, outcomes: Outcomes, short: Protocol, time_step_s: float
+) -> None:
+    varied = replace(short, time_step_s=time_step_s)
+    assert varied.closing_steps % 5 or varied.shake_steps % 5
+    rows = np.arange(0, len(drawn), 3)
+    found = run(drawn[rows], varied)
+    assert np.isfinite(found.settled_posture).all()
+    np.testing.assert_allclose(found.duration_s[found.held], varied.total_steps * time_step_s)
+    np.testing.assert_allclose(found.duration_s[found.verdict == "missed"], varied.closing_steps * time_step_s)
+    assert np.mean(found.held == outcomes.held[rows]) >= 0.8
+
+
+def test_the_paper_protocol_runs_to_its_end(drawn: Grasps, outcomes: Outcomes) -> None:
+    rows = np.flatnonzero(outcomes.held)[:4]
+    full = run(drawn[rows], PAPER)
+    assert full.held.any()
+    np.testing.assert_allclose(full.duration_s[full.held], 7.7)
+    np.testing.assert_array_equal(full.settled_posture, outcomes.settled_posture[rows])
+
+
+def test_the_catalogue_objects_of_a_batch_do_not_mix(drawn: Grasps, outcomes: Outcomes) -> None:
+    """A held object is as wide between the tips as its own side allows, not as another object's."""
+    opposed = outcomes.held & np.isin(drawn.grasp_type, ["tripod", "writing_tripod", "lateral_tripod"])
+    for row in np.flatnonzero(opposed):
+        side = grasp_object(str(drawn.object_label[row])).sides_m[str(drawn.side_axis[row])]
+        assert 0.6 * side < outcomes.object_size_m[row] < side + 0.03
