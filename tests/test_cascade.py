@@ -165,7 +165,8 @@ def test_measured_offsets_give_back_the_median_size(dataset: Dataset) -> None:
         grasps.grasp_type, grasps.object_label, grasps.side_axis, grasps.side_m, grasps.grasp_size_m,
         grasps.side_m + 0.012,
     )  # fmt: skip
-    rule = SizeRule.measure(request)
+    everything = np.ones(len(grasps), dtype=bool)
+    rule = SizeRule.measure(request, everything, everything)
     grasp_size, object_size = rule.apply(request, "median", np.random.default_rng(0))
     np.testing.assert_allclose(object_size, grasps.side_m + 0.012, atol=1e-5)
     rows = grasps.grasp_type == "tripod"
@@ -173,6 +174,21 @@ def test_measured_offsets_give_back_the_median_size(dataset: Dataset) -> None:
     paper = rule.apply(request, "paper", np.random.default_rng(0))
     np.testing.assert_allclose(paper[0], grasps.side_m - 0.005)
     np.testing.assert_allclose(paper[1], grasps.side_m + 0.010)
+
+
+def test_the_best_offset_is_where_trials_succeed_most() -> None:
+    rng = np.random.default_rng(0)
+    n = 4000
+    offset = rng.uniform(-0.03, 0.01, n)
+    success = rng.uniform(size=n) < np.where(np.abs(offset + 0.012) < 0.004, 0.95, 0.3)
+    names = {"grasp_type": "tripod", "object_label": "box_small", "side_axis": "x"}
+    request = Request(
+        **{field: np.full(n, value) for field, value in names.items()},
+        side_m=np.full(n, 0.02), grasp_size_m=0.02 + offset, object_size_m=np.full(n, 0.03),
+    )  # fmt: skip
+    rule = SizeRule.measure(request, success, success)
+    grasp_size, _ = rule.apply(request, "best", rng)
+    assert abs(grasp_size[0] - (0.02 - 0.012)) < 0.0025
 
 
 # -- fitting

@@ -23,7 +23,6 @@ SI units throughout (metres, radians, seconds); quaternions are wxyz with w >= 0
 (object in the hand frame, which is the palm's).
 """
 
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from .errors import FileFormatError, InputError
@@ -35,7 +34,7 @@ from .taxonomy import GRASP_TYPES, GraspType, grasp_type
 if TYPE_CHECKING:
     from .cascade import GraspSampler
 
-__version__ = version("graspcascade")
+    __version__: str
 
 __all__ = [
     "CATALOGUE",
@@ -54,9 +53,13 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # Commands that sample nothing should not wait for the cascade to load.
+    # What few callers need, and takes a moment to load, is loaded when asked for.
     if name == "GraspSampler":
         from .cascade import GraspSampler
 
         return GraspSampler
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("graspcascade")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

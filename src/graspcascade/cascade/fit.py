@@ -14,9 +14,11 @@ from ..candidates import opposition_points
 from ..dataset import Dataset
 from ..dataset.collect import versions
 from ..errors import InputError
+from ..grasps import Grasps
 from ..hands import HandModel
 from ..nets import EpochRecord, NumpyDecoder, TrainingSpec
 from ..postures import contact_metric
+from ..trials import Outcomes
 from .encoding import Request, condition_matrix, encode_posture, encode_request, vae_spec
 from .frames import fold_rotations, frame_between
 from .sampler import GraspSampler
@@ -40,7 +42,7 @@ class CascadeTraining:
     """The object's pose to learn: where the candidate put it, or where closing left it."""
     fingertip_error_m: float = 0.002
     """Error of the contact places that counts as much as one standard deviation of a joint angle."""
-    training: TrainingSpec = field(default_factory=lambda: TrainingSpec(epochs=60, batch_size=2048, metric_weight=1.0))
+    training: TrainingSpec = field(default_factory=lambda: TrainingSpec(epochs=80, batch_size=1024))
     """The training loop of every stage; its metric weight is set from the fingertip error."""
 
 
@@ -105,20 +107,13 @@ def prepare(hand: HandModel, dataset: Dataset, factorization: Factorization, con
     Raises:
         InputError: fewer than 100 successes.
     """
-    outcomes = dataset.outcomes
-    rows = outcomes.faithful(dataset.grasps) if config.learn_from == "faithful" else outcomes.held
+    held = dataset.outcomes.held
+    rows = dataset.outcomes.faithful(dataset.grasps) if config.learn_from == "faithful" else held
     if rows.sum() < 100:
         raise InputError(f"only {int(rows.sum())} {config.learn_from} grasps to learn from; at least 100 are needed")
-    grasps, outcomes = dataset.grasps[rows], outcomes[rows]
-    request = Request(
-        grasps.grasp_type,
-        grasps.object_label,
-        grasps.side_axis,
-        grasps.side_m,
-        grasps.grasp_size_m,
-        outcomes.object_size_m,
-    )
-    sizes = SizeRule.measure(request)
+    sizes = SizeRule.measure(_request(dataset.grasps, dataset.outcomes), rows, held)
+    grasps, outcomes = dataset.grasps[rows], dataset.outcomes[rows]
+    request = _request(grasps, outcomes)
     pose = grasps.X_hand_object if config.object_pose == "placed" else outcomes.X_hand_object_settled
     thumb, other = opposition_points(hand, grasps.posture, grasps.grasp_type)
     in_frame = frame_between(thumb, other, factorization.frame).inverse() @ pose
@@ -135,6 +130,17 @@ def prepare(hand: HandModel, dataset: Dataset, factorization: Factorization, con
     }
     metric = contact_metric(hand, grasps.posture, grasps.grasp_type)
     return Material(request, targets, quantities, metric, sizes)
+
+
+def _request(grasps: Grasps, outcomes: Outcomes) -> Request:
+    return Request(
+        grasps.grasp_type,
+        grasps.object_label,
+        grasps.side_axis,
+        grasps.side_m,
+        grasps.grasp_size_m,
+        outcomes.object_size_m,
+    )
 
 
 def _fit_stage(material: Material, stage: Stage, config: CascadeTraining, progress: Progress | None) -> Fitted:

@@ -48,7 +48,7 @@ class GraspSampler:
     decoders: Mapping[str, NumpyDecoder]
     sizes: SizeRule
     metadata: dict[str, Any]
-    size_mode: SizeMode = "median"
+    size_mode: SizeMode = "best"
 
     @classmethod
     def pretrained(cls, name: str = "default") -> GraspSampler:

@@ -1,4 +1,4 @@
-"""What grasp size and object size to ask for when a user names a side: offsets measured on grasps that held."""
+"""What grasp size and object size to ask for when a user names a side: offsets measured on trials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..errors import InputError
 from .encoding import Request
 
 Array = NDArray[np.float64]
-SizeMode = Literal["median", "drawn", "paper"]
+SizeMode = Literal["best", "median", "drawn", "paper"]
 
 PAPER_GRASP_OFFSET_M = -0.005
 """The paper's grasp size minus side (section V)."""
@@ -20,41 +20,58 @@ PAPER_OBJECT_OFFSET_M = 0.010
 """The paper's object size minus side (section V)."""
 _KNOTS = np.linspace(0.05, 0.95, 19)
 _MIN_GRASPS = 30
+_WINDOW_M = 0.003
+"""Half-width of the window of grasp sizes over which a success rate is measured."""
+
+_WIDEST_SHARE = 0.75
+"""Share of successes that are narrower than the widest offset considered."""
 
 
 @dataclass(frozen=True)
 class SizeRule:
-    """Give sizes for requests.
+    """Give sizes for requests, from tables keyed "type/object/axis", "type/object" and "type", finest first.
 
     Attributes:
-        grasp_offsets_m: for "type/object/axis", "type/object" and "type" the 5 to 95 % quantiles of grasp size minus
-            side.
-        object_offset_m: the same keys' median of object size minus side.
+        best_offset_m: grasp size minus side where trials succeeded most often.
+        grasp_offsets_m: the 5 to 95 % quantiles of grasp size minus side among successes.
+        object_offset_m: median of object size minus side among successes.
     """
 
+    best_offset_m: dict[str, float]
     grasp_offsets_m: dict[str, list[float]]
     object_offset_m: dict[str, float]
 
     @classmethod
-    def measure(cls, request: Request) -> SizeRule:
-        """Measure the offsets on grasps that held, whose sizes the request carries."""
+    def measure(cls, request: Request, success: NDArray[np.bool_], held: NDArray[np.bool_]) -> SizeRule:
+        """Measure the offsets on trials.
+
+        Args:
+            request: what was tried, with the sizes of each.
+            success: ``(n,)`` the successes to learn from.
+            held: ``(n,)`` all that held, for cells where too few of the former exist.
+        """
         grasp, obj = request.grasp_size_m - request.side_m, request.object_size_m - request.side_m
-        quantiles: dict[str, list[float]] = {}
-        medians: dict[str, float] = {}
+        rule = cls({}, {}, {})
         for level in map(np.array, _keys(request)):
             for key in np.unique(level):
                 rows = level == key
-                if rows.sum() >= _MIN_GRASPS or "/" not in key:
-                    quantiles[str(key)] = [round(float(v), 5) for v in np.quantile(grasp[rows], _KNOTS)]
-                    medians[str(key)] = round(float(np.median(obj[rows])), 5)
-        return cls(quantiles, medians)
+                good = next((s for s in (success, held) if (rows & s).sum() >= _MIN_GRASPS), None)
+                if good is None:
+                    continue
+                some = rows & good
+                # Wider postures were screened out where they cannot touch, so rates near that edge flatter: stay off it.
+                limit = float(np.quantile(grasp[some], _WIDEST_SHARE))
+                rule.best_offset_m[str(key)] = round(min(_best(grasp[rows], good[rows]), limit), 5)
+                rule.grasp_offsets_m[str(key)] = [round(float(v), 5) for v in np.quantile(grasp[some], _KNOTS)]
+                rule.object_offset_m[str(key)] = round(float(np.median(obj[some])), 5)
+        return rule
 
     def apply(self, request: Request, mode: SizeMode, rng: np.random.Generator) -> tuple[Array, Array]:
         """Give grasp sizes and object sizes ``(n,)`` in metres for each row's side.
 
         Args:
             request: its own sizes are ignored.
-            mode: "median" of what held, "drawn" from what held, or the "paper" constants.
+            mode: where trials succeeded "best"; the "median" of successes, or "drawn" from them; the "paper" constants.
             rng: source of the draws; used in every mode, so that modes stay comparable.
 
         Raises:
@@ -67,18 +84,26 @@ class SizeRule:
         keys, row_key = np.unique(np.array(_keys(request)[0]), return_inverse=True)
         for place, key in enumerate(map(str, keys)):
             rows = row_key == place
-            levels = (key, key.rsplit("/", 1)[0], key.split("/", 1)[0])
-            found = next((level for level in levels if level in self.grasp_offsets_m), None)
-            if found is None:
-                raise InputError(f"this model has seen no grasps of type {levels[-1]!r}")
-            at = share[rows] if mode == "drawn" else np.full(int(rows.sum()), 0.5)
-            grasp[rows] = request.side_m[rows] + np.interp(at, _KNOTS, self.grasp_offsets_m[found])
+            found = self._finest(key)
+            if mode == "best":
+                offset: Array | float = self.best_offset_m[found]
+            else:
+                at = share[rows] if mode == "drawn" else 0.5
+                offset = np.interp(at, _KNOTS, self.grasp_offsets_m[found])
+            grasp[rows] = request.side_m[rows] + offset
             obj[rows] = request.side_m[rows] + self.object_offset_m[found]
         return grasp, obj
 
+    def _finest(self, key: str) -> str:
+        levels = (key, key.rsplit("/", 1)[0], key.split("/", 1)[0])
+        found = next((level for level in levels if level in self.best_offset_m), None)
+        if found is None:
+            raise InputError(f"this model has seen no grasps of type {levels[-1]!r}")
+        return found
+
     def to_json(self) -> dict[str, Any]:
         """Give the tables as plain JSON."""
-        return {"grasp_offsets_m": self.grasp_offsets_m, "object_offset_m": self.object_offset_m}
+        return {"best_offset_m": self.best_offset_m, "grasp_offsets_m": self.grasp_offsets_m, "object_offset_m": self.object_offset_m}
 
 
 def _keys(request: Request) -> tuple[list[str], list[str], list[str]]:
@@ -89,3 +114,22 @@ def _keys(request: Request) -> tuple[list[str], list[str], list[str]]:
         [f"{t}/{o}" for t, o in zip(types, labels, strict=True)],
         types,
     )
+
+
+def _best(offset: Array, success: NDArray[np.bool_]) -> float:
+    """Find the offset around which successes are most frequent, wary of windows with few trials.
+
+    A window's rate counts by its 95 % lower bound (Wilson 1927, DOI 10.1080/01621459.1927.10502953).
+    """
+    grid = np.arange(offset.min(), offset.max() + 0.0005, 0.0005)
+    order = np.argsort(offset)
+    totals = np.concatenate([[0], np.cumsum(success[order])])
+    first = np.searchsorted(offset[order], grid - _WINDOW_M)
+    last = np.searchsorted(offset[order], grid + _WINDOW_M, side="right")
+    n, k = last - first, totals[last] - totals[first]
+    z = 1.96
+    rate = k / np.maximum(n, 1)
+    spread = z * np.sqrt(rate * (1 - rate) / np.maximum(n, 1) + z**2 / (4 * np.maximum(n, 1) ** 2))
+    low = np.where(n > 0, (rate + z**2 / (2 * np.maximum(n, 1)) - spread) / (1 + z**2 / np.maximum(n, 1)), 0.0)
+    # Among equally good windows the middle one: farthest from where it gets worse.
+    return float(np.median(grid[low >= low.max() - 1e-3]))

@@ -47,14 +47,14 @@ class Factorization:
     Attributes:
         name: identifier on the command line and in files.
         stages: in sampling order.
-        frame: poses are learned relative to the "opposition" frame, which forward kinematics gives for every posture,
-            or in the "hand" frame.
+        frame: poses are learned in the "hand" frame, or relative to the "opposition" frame, which forward kinematics
+            gives for every posture.
         source: the table row of the paper it reproduces.
     """
 
     name: str
     stages: tuple[Stage, ...]
-    frame: Frame = "opposition"
+    frame: Frame = "hand"
     source: str = ""
 
 
@@ -69,13 +69,13 @@ def _three_stages(
     source: str,
     *,
     rotation_head: Literal["vmf", "unit"] = "vmf",
-    frame: Frame = "opposition",
+    frame: Frame = "hand",
 ) -> Factorization:
     return Factorization(
         name,
         (
             _POSTURE,
-            Stage("position", ("position",), ("posture", *position), hidden=(64, 64)),
+            Stage("position", ("position",), ("posture", *position), hidden=(128, 128)),
             Stage("rotation", ("rotation",), ("position", "posture", *rotation), rotation_head=rotation_head),
         ),
         frame,
@@ -93,7 +93,9 @@ _VALUES = (
         source="Table I",
     ),
     _three_stages("model3", _ALL, _ALL, "Tables I and II, Table III variant 1"),
-    _three_stages("model3_hand_frame", _ALL, _ALL, "model3 with poses learned in the hand frame", frame="hand"),
+    _three_stages(
+        "model3_opposition_frame", _ALL, _ALL, "model3 with poses learned in the opposition frame", frame="opposition"
+    ),
     _three_stages("plain_rotation", _ALL, _ALL, "Table II", rotation_head="unit"),
     _three_stages("variant2", _ALL, ("grasp_type", "object_type", "object_size"), "Table III"),
     _three_stages(

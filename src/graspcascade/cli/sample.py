@@ -20,6 +20,8 @@ from .models import load_sampler
 
 PoseNumbers = tuple[float, float, float, float, float, float, float]
 
+_PICTURED = 4
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -43,7 +45,11 @@ class Sample:
     object_pose: Annotated[PoseNumbers | None, arg(metavar="X Y Z QW QX QY QZ")] = None
     """Object pose in the world, metres and a unit quaternion: also gives the hand's pose in the world."""
     out: Path | None = None
-    """File to write, .json or .parquet."""
+    """File to write; the suffix picks the format (.json, .parquet)."""
+    format: str | None = None
+    """Format of --out by name, where the suffix does not say it; `graspcascade export --help` lists them."""
+    picture: Path | None = None
+    """Picture to draw, .png: the first four grasps placed, closed and at the end of their trials."""
     model: str = "default"
     """Name of a shipped cascade, or the folder of a trained one."""
     json: bool = False
@@ -56,7 +62,7 @@ class Sample:
         if self.side_cm is not None and self.side_axis is not None:
             raise InputError("give --side-cm or --side-axis, not both")
         if self.out is not None:
-            check_target(self.out)
+            check_target(self.out, self.format)
         placed = None if self.object_pose is None else Pose.of(self.object_pose[:3], self.object_pose[3:])
         axis = self.side_axis
         if self.side_cm is not None:
@@ -65,19 +71,37 @@ class Sample:
         grasps = sampler.sample(self.grasp_type, self.object_label, axis, self.n, self.seed)
         metadata = self._metadata(sampler.name, sampler.hand.description.name)
         if self.out is not None:
-            save_grasps(self.out, grasps, metadata=metadata, X_world_object=placed)
+            save_grasps(self.out, grasps, metadata=metadata, X_world_object=placed, format=self.format)
         if self.json:
             print_json(document_to_json(GraspDocument(grasps, metadata, placed)))
         elif self.out is not None:
             print(f"wrote {len(grasps)} grasps to {self.out}")
         else:
             _print_summary(grasps, placed)
+        if self.picture is not None and not self.json:
+            print(f"drew {min(len(grasps), _PICTURED)} grasps in {self.picture}")
 
     def _metadata(self, model: str, hand: str) -> dict[str, Any]:
         asked: dict[str, Any] = {"grasp_type": self.grasp_type, "object": self.object_label}
         asked |= {"side_cm": self.side_cm, "side_axis": self.side_axis, "n": self.n, "seed": self.seed}
         versions = {"graspcascade": version("graspcascade"), "numpy": np.__version__}
         return {"source": "cascade", "model": model, "hand": hand, "asked": asked, "versions": versions}
+
+
+def _check_picture(path: Path) -> None:
+    # Sampling alone needs neither physics nor a renderer, so both are asked for only here.
+    from ..pictures import need_matplotlib
+    from ..pictures.paper import check_png
+
+    check_png(path)
+    need_matplotlib()
+
+
+def _draw(path: Path, grasps: Grasps) -> None:
+    from ..pictures import Studio, grasp_strip, save_png
+
+    with Studio() as studio:
+        save_png(grasp_strip(studio, grasps), path)
 
 
 def _print_summary(grasps: Grasps, placed: Pose | None) -> None:

@@ -23,7 +23,9 @@ class Trial:
     """Execute every grasp of a file in physics and print what became of it."""
 
     grasps: Annotated[Positional[Path], arg(metavar="GRASPS")]
-    """Grasp file, .json or .parquet."""
+    """Grasp file in any format that can be read, such as .json or .parquet."""
+    trust_pickle: bool = False
+    """Unpickle .npy files, which can run any code: only for files you trust."""
     protocol: str = "paper"
     """Trial protocol; every rate is quoted with its name."""
     out: Path | None = None
@@ -39,7 +41,7 @@ class Trial:
         chosen = protocol(self.protocol)
         if self.out is not None and self.out.suffix.lower() != ".json":
             raise InputError(f"a trial report is a .json file, got {self.out.name!r}")
-        document = load_document(self.grasps)
+        document = load_document(self.grasps, trust_pickle=self.trust_pickle)
         grasps = document.grasps
         if not len(grasps):
             raise InputError(f"{self.grasps} holds no grasps")

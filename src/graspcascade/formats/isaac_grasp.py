@@ -12,11 +12,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import FileFormatError, InputError
 from ..hands import SHADOW_HAND
 from .document import GraspDocument
-from .notes import KEY, ForeignGrasp, file_notes, foreign_document, grasp_notes, mapping, number, pose, shadow_joints
+from .notes import (
+    KEY,
+    ForeignGrasp,
+    check_whole,
+    file_notes,
+    foreign_document,
+    grasp_notes,
+    mapping,
+    number,
+    pose,
+    shadow_joints,
+)
 from .options import Assumptions, ExportOptions
 from .yaml_text import dump_yaml, load_yaml
 
@@ -37,15 +49,16 @@ def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
     labels = list(dict.fromkeys(document.grasps.object_label.tolist()))
     if path.is_dir():
         for label in labels:
-            rows = np.flatnonzero(document.grasps.object_label == label)
-            _write_object(path / f"{label}.yaml", _rows(document, rows), options)
+            _write_object(
+                path / f"{label}.yaml", document, np.flatnonzero(document.grasps.object_label == label), options
+            )
         return
     if len(labels) != 1:
         raise InputError(
             f"an isaac_grasp file holds the grasps of one object, these are of {len(labels)} "
             f"({', '.join(labels) or 'none'}); a name without suffix makes a folder with a file for each"
         )
-    _write_object(path, document, options)
+    _write_object(path, document, np.arange(len(document.grasps)), options)
 
 
 def read(path: Path, assume: Assumptions) -> GraspDocument:
@@ -64,11 +77,7 @@ def read(path: Path, assume: Assumptions) -> GraspDocument:
     return foreign_document(found, notes, assume)
 
 
-def _rows(document: GraspDocument, rows: Any) -> GraspDocument:
-    return GraspDocument(document.grasps[rows], document.metadata, document.X_world_object)
-
-
-def _write_object(path: Path, document: GraspDocument, options: ExportOptions) -> None:
+def _write_object(path: Path, document: GraspDocument, which: NDArray[np.intp], options: ExportOptions) -> None:
     grasps, prefix = document.grasps, options.joint_prefix
     gripper = grasps.X_hand_object.inverse()
     names = [prefix + name for name in grasps.joint_names]
@@ -84,16 +93,18 @@ def _write_object(path: Path, document: GraspDocument, options: ExportOptions) -
             "cspace_position": dict(zip(names, grasps.posture[i].tolist(), strict=True)),
             "pregrasp_cspace_position": dict(zip(names, grasps.pregrasp[i].tolist(), strict=True)),
         }
-        for i in range(len(grasps))
+        for i in which.tolist()
     }
-    notes = file_notes(document, CONVENTIONS) | {"grasps": dict(zip(rows, grasp_notes(grasps), strict=True))}
+    each = grasp_notes(grasps)
+    notes = file_notes(document, CONVENTIONS) | {"grasps": {f"grasp_{i}": each[i] for i in which.tolist()}}
     data = {
         "format": "isaac_grasp",
         "format_version": 1.0,
-        "object_frame": str(grasps.object_label[0]),
+        # Before the grasps, so that a file cut off among them can be told from a whole one.
+        KEY: notes,
+        "object_frame": str(grasps.object_label[which[0]]),
         "gripper_frame": prefix + SHADOW_HAND.hand_body,
         "grasps": rows,
-        KEY: notes,
     }
     dump_yaml(path, data, "isaac_grasp 1.0: gripper poses in the object frame, metres and radians; quaternions w, xyz")
 
@@ -118,10 +129,11 @@ def _checked(data: object) -> Mapping[str, Any]:
 
 
 def _grasps(data: Mapping[str, Any], notes: Mapping[str, Any]) -> Iterator[ForeignGrasp]:
-    object_name = _frame(data, "object_frame")
+    object_name, noted = _frame(data, "object_frame"), mapping(notes.get("grasps"))
+    check_whole(notes, len(data["grasps"]))
     for name, row in data["grasps"].items():
         try:
-            yield _grasp(row, object_name, mapping(mapping(notes.get("grasps")).get(name)))
+            yield _grasp(row, object_name, mapping(noted.get(name)))
         except FileFormatError as error:
             raise FileFormatError(f"{name}: {error}") from error
 
@@ -136,7 +148,7 @@ def _grasp(row: object, object_name: str | None, notes: Mapping[str, Any]) -> Fo
     opened = row.get("pregrasp_cspace_position")
     return ForeignGrasp(
         shadow_joints(row.get("cspace_position"), "cspace_position"),
-        None if opened is None else shadow_joints(opened, "pregrasp_cspace_position"),
+        None if opened is None and not notes else shadow_joints(opened, "pregrasp_cspace_position"),
         gripper.inverse(),
         object_name,
         notes,

@@ -16,7 +16,18 @@ from ..errors import FileFormatError
 from ..hands import SHADOW_HAND, shadow_hand
 from ..poses import Pose
 from .document import GraspDocument, world_pose
-from .notes import KEY, ForeignGrasp, file_notes, foreign_document, grasp_notes, mapping, numbers, pose, shadow_joints
+from .notes import (
+    KEY,
+    ForeignGrasp,
+    check_whole,
+    file_notes,
+    foreign_document,
+    grasp_notes,
+    mapping,
+    numbers,
+    pose,
+    shadow_joints,
+)
 from .options import PARENT_LINKS, Assumptions, ExportOptions
 from .yaml_text import dump_yaml, load_yaml
 
@@ -68,8 +79,9 @@ def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
     data = {
         "message": MESSAGE,
         "parent_link": link,
-        "grasps": messages,
+        # Before the grasps, so that a file cut off among them can be told from a whole one.
         KEY: file_notes(document, CONVENTIONS) | {"grasps": grasp_notes(grasps)},
+        "grasps": messages,
     }
     dump_yaml(path, data, f"{MESSAGE}: poses of {link}, metres and radians; the wrist is straight")
 
@@ -82,7 +94,7 @@ def read(path: Path, assume: Assumptions) -> GraspDocument:
         InputError: something it does not say and nothing is assumed for.
     """
     data = load_yaml(path)
-    if not isinstance(data, Mapping) or not isinstance(data.get("grasps"), list) or "isaac_grasp" in data.values():
+    if not isinstance(data, Mapping) or not isinstance(data.get("grasps"), list):
         raise FileFormatError("not a file of moveit_msgs/Grasp messages (no list 'grasps')")
     link = str(data.get("parent_link"))
     known = next((name for name in PARENT_LINKS if link.endswith(name)), None)
@@ -93,8 +105,8 @@ def read(path: Path, assume: Assumptions) -> GraspDocument:
 
 
 def _grasps(messages: list[Any], link: str, notes: Mapping[str, Any]) -> Iterator[ForeignGrasp]:
-    placed, each = world_pose(notes), notes.get("grasps")
-    rows = each if isinstance(each, list) and len(each) == len(messages) else [{}] * len(messages)
+    check_whole(notes, len(messages))
+    placed, rows = world_pose(notes), notes.get("grasps", [{}] * len(messages))
     for i, (message, row) in enumerate(zip(messages, rows, strict=True)):
         try:
             yield _grasp(message, link, placed, mapping(row))
@@ -112,8 +124,10 @@ def _grasp(message: object, link: str, placed: Pose | None, notes: Mapping[str, 
     X_frame_hand = parent @ _pose_in_hand(link).inverse()
     # Poses are in the object's own frame unless the notes say where in that frame the object is.
     X_hand_object = X_frame_hand.inverse() if placed is None else X_frame_hand.inverse() @ placed
-    touched = message.get("allowed_touch_objects")
-    named = touched[0] if isinstance(touched, list) and touched else mapping(stamped.get("header")).get("frame_id")
+    frame, touched = mapping(stamped.get("header")).get("frame_id"), message.get("allowed_touch_objects")
+    named = touched[0] if isinstance(touched, list) and touched else frame
+    if not notes and frame != named:
+        raise FileFormatError(f"its pose is in frame {frame!r}, and where in that the object is, the file does not say")
     return ForeignGrasp(
         _angles(message.get("grasp_posture"), "grasp_posture", link),
         _angles(message.get("pre_grasp_posture"), "pre_grasp_posture", link),

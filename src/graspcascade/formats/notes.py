@@ -6,6 +6,7 @@ an export reads back with its type, side and sizes; without them (a file of some
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -55,13 +56,29 @@ def file_notes(document: GraspDocument, conventions: Mapping[str, str]) -> dict[
 
 
 def grasp_notes(grasps: Grasps) -> list[dict[str, Any]]:
-    """Give the notes on each grasp: labels, and lengths and chances with None for unknown."""
+    """Give the notes on each grasp: its number, labels, and lengths and chances with None for unknown."""
     columns = {name: column.tolist() for name, column in grasps.columns().items() if name in (*LABELS, *NUMBERS)}
     return [
-        {name: columns[name][i] for name in LABELS}
+        {"number": i}
+        | {name: columns[name][i] for name in LABELS}
         | {name: columns[name][i] if math.isfinite(columns[name][i]) else None for name in NUMBERS}
         for i in range(len(grasps))
     ]
+
+
+def check_whole(notes: Mapping[str, Any], n: int) -> None:
+    """Check that a file has as many grasps as our notes on it, where it has such notes.
+
+    Raises:
+        FileFormatError: it has not, or the notes are damaged.
+    """
+    if not notes:
+        return
+    noted = notes.get("grasps")
+    if not isinstance(noted, list | Mapping):
+        raise FileFormatError("its notes on the grasps are damaged")
+    if len(noted) != n:
+        raise FileFormatError(f"it has {n} of the {len(noted)} grasps that were written")
 
 
 def mapping(value: object) -> Mapping[str, Any]:
@@ -82,15 +99,17 @@ def foreign_document(found: Iterable[ForeignGrasp], notes: Mapping[str, Any], as
         InputError: something it does not say and nothing is assumed for.
     """
     rows = list(found)
+    if all("number" in row.notes for row in rows):
+        rows.sort(key=lambda row: number(row.notes["number"], "number"))
     names = list(SHADOW_HAND.joint_names)
     columns: dict[str, list[Any]] = {name: [] for name in (*LABELS, *NUMBERS, "posture", "pregrasp")}
-    for number, row in enumerate(rows):
+    for i, row in enumerate(rows):
         try:
             facts = _facts(row, assume)
         except FileFormatError as error:
-            raise FileFormatError(f"grasp {number}: {error}") from error
+            raise FileFormatError(f"grasp {i}: {error}") from error
         except InputError as error:
-            raise InputError(f"grasp {number}: {error}") from error
+            raise InputError(f"grasp {i}: {error}") from error
         for name, value in facts.items():
             columns[name].append(value)
         columns["posture"].append([row.posture[name] for name in names])
@@ -126,10 +145,13 @@ def number(value: object, what: str) -> float:
     Raises:
         FileFormatError: it is not a finite number.
     """
-    good = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not good or not abs(value) < 1e300:  # type: ignore[operator]
+    found = math.nan
+    if isinstance(value, int | float | np.floating) and not isinstance(value, bool):
+        with contextlib.suppress(OverflowError):
+            found = float(value)
+    if not math.isfinite(found):
         raise FileFormatError(f"{what} is {_shortened(value)}, not a finite number")
-    return float(value)  # type: ignore[arg-type]
+    return found
 
 
 def numbers(values: object, length: int, what: str) -> list[float]:
@@ -157,6 +179,15 @@ def pose(position_m: object, quat_wxyz: object, what: str) -> Pose:
         raise
     except InputError as error:
         raise FileFormatError(f"{what}: {error}") from error
+
+
+def noted_pose(notes: object) -> Pose:
+    """Read a pose from our notes.
+
+    Raises:
+        FileFormatError: it is damaged.
+    """
+    return pose(mapping(notes).get("position_m"), mapping(notes).get("quat_wxyz"), "noted pose")
 
 
 def _facts(row: ForeignGrasp, assume: Assumptions) -> dict[str, Any]:

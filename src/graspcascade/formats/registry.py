@@ -74,9 +74,7 @@ FORMATS_BY_NAME: Mapping[str, GraspFormat] = {
     found.name: found
     for found in (
         GraspFormat("json", (".json",), "native JSON, joints by name", "native_json"),
-        GraspFormat(
-            "parquet", (".parquet",), "native Parquet, one row a grasp", "native_parquet", needs=("pyarrow",)
-        ),
+        GraspFormat("parquet", (".parquet",), "native Parquet, one row a grasp", "native_parquet", needs=("pyarrow",)),
         GraspFormat(
             "isaac_grasp",
             (".yaml", ".yml"),

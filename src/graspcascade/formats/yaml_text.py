@@ -13,8 +13,12 @@ def dump_yaml(path: Path, data: Any, comment: str) -> None:
     # Only these formats pay for loading it.
     import yaml
 
-    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    text = yaml.dump(data, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+    class Plain(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+        def ignore_aliases(self, data: object) -> bool:
+            """Write equal parts in full: not every reader follows references."""
+            return True
+
+    text = yaml.dump(data, Dumper=Plain, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
     lines = "".join(f"# {line}\n" for line in comment.splitlines())
     path.write_text(lines + text, encoding="utf-8")
 

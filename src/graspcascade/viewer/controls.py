@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from viser import (
     GuiApi,
+    GuiButtonGroupHandle,
     GuiButtonHandle,
     GuiDropdownHandle,
     GuiHtmlHandle,
@@ -19,13 +20,18 @@ from viser import (
 from ..objects import CATALOGUE, grasp_object
 from ..taxonomy import GRASP_TYPES
 from ..trials import Protocol
-from .downloads import format_choices
+from .downloads import format_names
 from .session import VIEWS, SampleRequest
 
 Value = TypeVar("Value")
 ANY_SIDE = "any"
 SPEEDS = {"0.25 x": 0.25, "0.5 x": 0.5, "1 x": 1.0, "2 x": 2.0, "4 x": 4.0, "8 x": 8.0}
 THIS, ALL = "this grasp", "all grasps"
+PREVIOUS, NEXT = "previous", "next"
+_VIEW_HINT = (
+    "pregrasp: before closing; posture: what the joints are told to reach, their squeeze into the object included; "
+    "settled: where closing ended in physics"
+)
 
 
 @dataclass(frozen=True)
@@ -40,8 +46,7 @@ class Controls:
     sample: GuiButtonHandle
     message: GuiHtmlHandle
     grasp: GuiSliderHandle[int]
-    previous: GuiButtonHandle
-    following: GuiButtonHandle
+    flip: GuiButtonGroupHandle
     view: GuiDropdownHandle[str]
     about: GuiHtmlHandle
     friction: GuiNumberHandle[float]
@@ -58,6 +63,7 @@ class Controls:
 
 def build(gui: GuiApi, request: SampleRequest, protocol: Protocol) -> Controls:
     """Lay the panel out, set to what was asked for."""
+    message = gui.add_html("")
     with gui.add_folder("Sample"):
         grasp_type = gui.add_dropdown("type", tuple(GRASP_TYPES), initial_value=request.grasp_type)
         object_label = gui.add_dropdown("object", tuple(CATALOGUE), initial_value=request.object_label)
@@ -67,25 +73,26 @@ def build(gui: GuiApi, request: SampleRequest, protocol: Protocol) -> Controls:
         n = gui.add_number("n", request.n, step=1, hint="How many grasps")
         seed = gui.add_number("seed", request.seed, step=1, hint="The same seed gives the same grasps")
         sample = gui.add_button("Sample", color="blue")
-        message = gui.add_html("")
     with gui.add_folder("Grasp"):
         about = gui.add_html("")
         grasp = gui.add_slider("grasp", 0, max(request.n - 1, 1), 1, 0)
-        previous, following = gui.add_button("Previous"), gui.add_button("Next")
-        view = gui.add_dropdown("show", VIEWS, initial_value="posture")
+        flip = gui.add_button_group("flip", (PREVIOUS, NEXT))
+        view = gui.add_dropdown("show", VIEWS, initial_value="posture", hint=_VIEW_HINT)
     with gui.add_folder("Physics trial"):
-        friction = gui.add_number("friction", protocol.friction, step=0.1, hint="Of hand and object; others: paper")
-        play, stop = gui.add_button("Play trial", color="teal"), gui.add_button("Stop", visible=False)
+        friction = gui.add_number("friction", protocol.friction, step=0.1, hint="Sliding friction of hand and object")
+        play, stop = gui.add_button("Play trial", color="teal"), gui.add_button("Stop", color="gray", visible=False)
         speed = gui.add_dropdown("speed", tuple(SPEEDS), initial_value="1 x")
         duration = round(protocol.total_steps * protocol.time_step_s, 2)
         time = gui.add_slider("time s", 0.0, duration, 0.02, 0.0, disabled=True, hint="Of the trial last played")
-        try_all = gui.add_button("Try all")
-    with gui.add_folder("Samples"):
+        try_all = gui.add_button("Try all", hint="Execute every grasp that was not tried yet")
+    panel = gui.add_panel()
+    with panel.add_tab("Samples"):
         table = gui.add_html("")
-    with gui.add_folder("Download"):
-        scope = gui.add_dropdown("what", (THIS, ALL), initial_value=ALL)
-        file_format = gui.add_dropdown("format", tuple(format_choices()))
-        download = gui.add_button("Download")
+        with gui.add_folder("Download"):
+            scope = gui.add_dropdown("what", (THIS, ALL), initial_value=ALL)
+            file_format = gui.add_dropdown("format", format_names())
+            download = gui.add_button("Download")
+    panel.float(x=15, y=-15, width=330)
     put(side, same_side(side.options, request.side_axis))
     return Controls(
         grasp_type=grasp_type,
@@ -96,8 +103,7 @@ def build(gui: GuiApi, request: SampleRequest, protocol: Protocol) -> Controls:
         sample=sample,
         message=message,
         grasp=grasp,
-        previous=previous,
-        following=following,
+        flip=flip,
         view=view,
         about=about,
         friction=friction,

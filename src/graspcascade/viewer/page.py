@@ -14,8 +14,8 @@ import viser
 from ..cascade import GraspSampler
 from ..errors import InputError
 from ..trials import Protocol
-from .controls import SPEEDS, THIS, build, put, request_of, same_side, side_axis, side_choices
-from .downloads import format_choices, pack
+from .controls import NEXT, SPEEDS, THIS, build, put, request_of, same_side, side_axis, side_choices
+from .downloads import pack
 from .recording import Recording
 from .scene import Actors, HandShapes
 from .session import Batch, SampleRequest, Session, sample_batch, with_friction
@@ -73,8 +73,7 @@ class Page:
         c = self._controls
         c.object_label.on_update(lambda _: self._choose_object())
         c.sample.on_click(lambda _: self._sample())
-        c.previous.on_click(lambda _: self._go(self.session.index - 1))
-        c.following.on_click(lambda _: self._go(self.session.index + 1))
+        c.flip.on_click(lambda _: self._go(self.session.index + (1 if c.flip.value == NEXT else -1)))
         c.play.on_click(lambda _: self._play())
         c.stop.on_click(lambda _: self.close())
         c.try_all.on_click(lambda _: self._try_all())
@@ -207,8 +206,8 @@ class Page:
     def _download(self) -> None:
         with self._action():
             c = self._controls
-            row = self.session.index if c.scope.value == THIS else None
-            packed = pack(self.session.batch, format_choices()[c.file_format.value], row)
+            rows = [self.session.index] if c.scope.value == THIS else list(range(len(self.session)))
+            packed = pack(self.session.batch, c.file_format.value, rows, self.session.outcomes)
             self._client.send_file_download(packed.name, packed.content, save_immediately=True)
             self._say(f"{packed.name} sent")
 

@@ -15,8 +15,8 @@ from ..poses import as_quat
 from .recording import Frame
 from .shapes import Mesh, object_mesh
 
-CAMERA_POSITION_M = (0.20, -0.40, 0.27)
-CAMERA_TARGET_M = (0.0, -0.02, 0.055)
+CAMERA_POSITION_M = (0.21, -0.37, 0.27)
+CAMERA_TARGET_M = (0.01, -0.02, 0.075)
 _FLOOR_M = -0.26
 _STILL_M, _STILL_QUAT = 5e-5, 5e-4
 """Smaller changes of a position or a quaternion cannot be seen and are not sent."""

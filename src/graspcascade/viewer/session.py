@@ -204,7 +204,7 @@ class Session:
         grasp = self.grasp
         posture, pose = (grasp.pregrasp if view == "pregrasp" else grasp.posture), grasp.X_hand_object
         if view == "settled":
-            outcome = self.outcome or self.recording().outcome
+            outcome = self.recording().outcome if self.outcome is None else self.outcome
             posture, pose = outcome.settled_posture, outcome.X_hand_object_settled
             if not np.isfinite(posture).all():
                 raise InputError(f"grasp {self.index} has no settled state: its trial ended as {outcome.verdict[0]}")

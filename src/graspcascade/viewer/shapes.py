@@ -17,6 +17,8 @@ from ..poses import Pose
 OBJECT_RGB = (224, 122, 56)
 _SEGMENTS = 24
 _HEMISPHERE_RINGS = 6
+_LIFT = 0.14
+"""Lightest black: the form of quite dark parts would be lost on a page."""
 _SHOWN_GROUPS = (0, 1, 2)
 """Geom groups that MuJoCo's own viewer draws; a hand with visual meshes keeps its collision shapes in others."""
 
@@ -164,7 +166,7 @@ def _geom_mesh(model: Any, geom: int) -> Mesh | None:
     make = makers.get(kind(int(model.geom_type[geom])))
     if make is None:
         return None
-    red, green, blue = (round(255 * float(channel)) for channel in model.geom_rgba[geom, :3])
+    red, green, blue = (round(255 * (_LIFT + (1 - _LIFT) * float(channel))) for channel in model.geom_rgba[geom, :3])
     placed = make().moved(Pose.of(model.geom_pos[geom], model.geom_quat[geom]))
     return replace(placed, rgb=(red, green, blue))
 

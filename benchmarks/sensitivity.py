@@ -1,0 +1,70 @@
+"""Measure how the heuristic's success depends on what the protocol fixes; nothing here tunes the protocol.
+
+Example::
+
+    python benchmarks/sensitivity.py --out docs/results --per-cell 20
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import tyro
+
+from graspcascade.evaluation import evaluate, heuristic_source
+from graspcascade.hands import SHADOW_HAND, HandDescription, load_hand
+from graspcascade.postures import PosturePrior
+from graspcascade.trials import PAPER, Protocol
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Evaluate the heuristic under changed conditions."""
+
+    out: Path = Path("docs/results")
+    """Folder of the JSON files."""
+    per_cell: int = 20
+    """Trials for each object and type."""
+    seed: int = 0
+    """Seed of the candidates."""
+    only: tuple[str, ...] = ()
+    """Names of conditions to run, all without it."""
+
+
+def conditions() -> dict[str, tuple[Protocol, HandDescription]]:
+    """List protocol and hand of every condition by name."""
+    flat_thumb = replace(
+        SHADOW_HAND, name="shadow_hand_right, thumb flat beside the palm before closing", pregrasp_rad={}
+    )
+    changed = {
+        "friction_0.6": replace(PAPER, friction=0.6),
+        "friction_1.0": replace(PAPER, friction=1.0),
+        "double_density": replace(PAPER, density_factor=2.0),
+        "table_gains": replace(PAPER, gain_factor=1.0),
+        "time_step_1ms": replace(PAPER, time_step_s=0.001),
+    }
+    found = {name: (replace(p, name=f"paper, {name.replace('_', ' ')}"), SHADOW_HAND) for name, p in changed.items()}
+    return found | {"flat_thumb": (replace(PAPER, name="paper, flat thumb"), flat_thumb)}
+
+
+def main(arguments: Arguments) -> None:
+    """Run the conditions one after another."""
+    prior = PosturePrior.pretrained()
+    for name, (protocol, hand) in conditions().items():
+        if arguments.only and name not in arguments.only:
+            continue
+        found = evaluate(
+            "heuristic",
+            heuristic_source(load_hand(hand), prior),
+            per_cell=arguments.per_cell,
+            seed=arguments.seed,
+            protocol=protocol,
+            hand=hand,
+        )
+        found.save(arguments.out / f"sensitivity_{name}.json")
+        print(f"{name}: held {found.held.rate:.3f} [{found.held.low:.3f}, {found.held.high:.3f}] n={found.n}")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))

@@ -1,0 +1,101 @@
+"""A real Chromium, and a served page for it."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from graspcascade.cascade import GraspSampler
+from graspcascade.hands import HandModel
+from graspcascade.trials import PAPER
+from graspcascade.viewer import SampleRequest, sample_batch
+from graspcascade.viewer.shapes import hand_meshes
+
+if TYPE_CHECKING:
+    from driver import Browser
+
+    from graspcascade.viewer.page import Start
+
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-angle=swiftshader",  # WebGL without a graphics card
+    "--enable-unsafe-swiftshader",
+    "--disable-dev-shm-usage",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--window-size=1200,900",
+    "--force-device-scale-factor=0.4",  # the same layout with a sixth of the pixels to shade
+)
+OpenBrowser = Callable[[], "Browser"]
+
+
+@pytest.fixture(scope="session")
+def programs() -> tuple[str, str]:
+    """Find Chromium and its driver: skip without them, except where CI says that everything must run."""
+    found = shutil.which("chromium"), shutil.which("chromedriver")
+    if found[0] is None or found[1] is None:
+        reason = "needs Chromium and its driver: apt-get install chromium chromium-driver"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    return found[0], found[1]
+
+
+@contextmanager
+def opened(programs: tuple[str, str], folder: Path) -> Iterator["Browser"]:
+    from driver import Browser
+    from selenium.webdriver import Chrome, ChromeOptions
+    from selenium.webdriver.chrome.service import Service
+
+    options = ChromeOptions()
+    options.binary_location = programs[0]
+    for flag in (*FLAGS, f"--user-data-dir={folder / 'profile'}"):
+        options.add_argument(flag)
+    downloads = folder / "downloads"
+    downloads.mkdir(parents=True)
+    options.add_experimental_option("prefs", {"download.default_directory": str(downloads)})
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    chrome = Chrome(options=options, service=Service(programs[1]))
+    try:
+        yield Browser(chrome, downloads)
+    finally:
+        chrome.quit()
+
+
+@pytest.fixture(scope="session")
+def browser(programs: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator["Browser"]:
+    with opened(programs, tmp_path_factory.mktemp("browser")) as found:
+        yield found
+
+
+@pytest.fixture
+def second_browser(programs: tuple[str, str], tmp_path: Path) -> Iterator["Browser"]:
+    with opened(programs, tmp_path) as found:
+        yield found
+
+
+@pytest.fixture(scope="session")
+def start(hand: HandModel) -> "Start":
+    from graspcascade.viewer.page import Start
+    from graspcascade.viewer.scene import HandShapes
+
+    sampler, request = GraspSampler.pretrained(), SampleRequest(n=4)
+    return Start(sampler, HandShapes(hand, hand_meshes(hand)), request, PAPER, sample_batch(sampler, request))
+
+
+@pytest.fixture(scope="session")
+def address(start: "Start") -> Iterator[str]:
+    from graspcascade.viewer.server import close_server, serve
+
+    server = serve(start, port=0)
+    yield f"http://127.0.0.1:{server.get_port()}"
+    close_server(server)

@@ -1,0 +1,118 @@
+"""``graspcascade view``: what it refuses, and the standalone page as a file."""
+
+import re
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("viser")
+
+from graspcascade.cli import main
+from graspcascade.errors import InputError
+from graspcascade.formats import save_grasps
+from graspcascade.grasps import Grasps
+from graspcascade.viewer.controls import ANY_SIDE, same_side, side_axis, side_choices
+from graspcascade.viewer.server import close_server, open_server
+
+
+@dataclass(frozen=True)
+class Said:
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def taken() -> Iterator[int]:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        yield int(other.getsockname()[1])
+
+
+def view(capsys: pytest.CaptureFixture[str], *arguments: object) -> Said:
+    capsys.readouterr()
+    status = main(["view", *map(str, arguments)])
+    captured = capsys.readouterr()
+    return Said(status, captured.out, captured.err)
+
+
+def assert_refused(said: Said, *words: str) -> None:
+    assert (said.status, said.out, len(said.err.splitlines())) == (2, "", 1)
+    for word in words:
+        assert word in said.err
+
+
+def test_a_port_in_use_is_refused(capsys: pytest.CaptureFixture[str], taken: int) -> None:
+    assert_refused(view(capsys, "--port", taken), str(taken), "in use", "--port")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--port", 70000), ("port must be between 0 and 65535",)),
+        (("--host", "203.0.113.7"), ("203.0.113.7",)),
+        (("--n", 0), ("n must be between 1 and 200",)),
+        (("--grasp-type", "tripood"), ("tripood", "Did you mean 'tripod'")),
+        (("--object", "box_medum"), ("box_medum", "Did you mean 'box_medium'")),
+        (("--side-axis", "w"), ("side axis",)),
+        (("--friction", -1), ("friction must be between",)),
+        (("no_such_file.json",), ("no_such_file.json",)),
+        (("some.json", "--n", 3), ("not both", "some.json", "n")),
+        (("--html", "page.txt"), ("page.txt", ".html")),
+        (("--html", "nowhere/page.html"), ("nowhere",)),
+        (("--model", "no_such_model"), ("no_such_model",)),
+    ],
+)
+def test_bad_arguments_are_refused(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[object, ...], words: tuple[str, ...]
+) -> None:
+    assert_refused(view(capsys, *arguments), *words)
+
+
+def test_an_unreadable_file_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    broken = tmp_path / "broken.json"
+    broken.write_text('{"kind": ')
+    assert_refused(view(capsys, broken), "broken.json")
+
+
+def test_without_viser_the_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("graspcascade.cli.view.find_spec", lambda name: None)
+    assert_refused(view(capsys), "viser", "graspcascade[view]")
+
+
+def test_a_server_says_nothing_and_leaves_its_port_free(capsys: pytest.CaptureFixture[str]) -> None:
+    server = open_server("127.0.0.1", 0)
+    port = server.get_port()
+    with pytest.raises(InputError, match="in use"):
+        open_server("127.0.0.1", port)
+    assert server.request_share_url() is None
+    close_server(server)
+    close_server(open_server("127.0.0.1", port))
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_standalone_page_of_a_file_holds_everything(
+    capsys: pytest.CaptureFixture[str], drawn: Grasps, tmp_path: Path
+) -> None:
+    source, out = tmp_path / "mine <b>.json", tmp_path / "page.html"
+    save_grasps(source, drawn[[0, 30]], metadata={})
+    said = view(capsys, source, "--html", out)
+    assert (said.status, said.err) == (0, "")
+    assert said.out == f"wrote 2 grasps with their trials under protocol paper to {out}\n"
+    assert [path.name for path in tmp_path.iterdir() if path.suffix == ".html"] == ["page.html"]
+    page = out.read_text(encoding="utf-8")
+    assert "<title>mine &lt;b&gt; - graspcascade</title>" in page
+    assert page.count('class="gc-current"') == 1
+    assert "protocol paper" in page
+    assert re.findall(r"""(?:src|href)=["']?https?:""", page) == []
+
+
+def test_sides_are_those_the_object_has() -> None:
+    assert side_choices("box_large") == ("any", "x = 4 cm", "y = 5.5 cm")
+    assert [side_axis(choice) for choice in side_choices("box_large")] == [None, "x", "y"]
+    assert same_side(side_choices("sphere_small"), "y") == ANY_SIDE
+    assert same_side(side_choices("box_small"), "y") == "y = 3 cm"
