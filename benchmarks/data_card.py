@@ -29,13 +29,14 @@ class Arguments:
 def main(arguments: Arguments) -> None:
     """Read the metadata and write the card."""
     about = read_metadata(arguments.data)
-    counts, asked = about["counts"], about["collection"]
+    counts = about["counts"]
+    # What was asked for may be more than is there: the card says how to get just these rows.
+    per_cell = max(cell["trials"] for cell in counts["cells"])
     card = {
         "title": "The dataset the shipped cascade was trained on",
         "description": "Screened heuristic candidates under the paper protocol: candidates whose opposing places stay "
         "farther apart than the side is wide are skipped and counted, so these rates are not the heuristic's own.",
-        "command": "graspcascade collect --out data "
-        f"--trials-per-cell {asked['trials_per_cell']} --seed {about['seed']}",
+        "command": f"graspcascade collect --out data --trials-per-cell {per_cell} --seed {about['seed']}",
         "protocol": about["protocol"]["name"],
         "seed": about["seed"],
         "prior": about["prior"],

@@ -31,7 +31,9 @@ class Browser:
         return self.chrome.find_elements(By.CSS_SELECTOR, css)
 
     def text(self, css: str) -> str:
-        return " ".join(str(element.text) for element in self.find(css))
+        """Read in one go: what a playing trial rewrites many times a second is gone before a second question."""
+        script = "return [...document.querySelectorAll(arguments[0])].map(found => found.innerText).join(' ')"
+        return str(self.chrome.execute_script(script, css))
 
     def wait_text(self, css: str, part: str) -> str:
         return str(self.until(lambda: part in self.text(css) and self.text(css), f"{part!r} in {css}"))

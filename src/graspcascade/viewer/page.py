@@ -181,7 +181,9 @@ class Page:
         with self._client.atomic():
             self._actors.show(recording.frame(row))
             put(self._controls.time, round(float(recording.time_s[row]), 2))
-            self._controls.about.content = grasp_html(self.session, self._moment(recording, row))
+            words = grasp_html(self.session, self._moment(recording, row))
+            if words != self._controls.about.content:
+                self._controls.about.content = words
 
     def _moment(self, recording: Recording, row: int) -> str:
         return f"trial at {recording.time_s[row]:.1f} s: {recording.phase(row)}"

@@ -6,6 +6,7 @@ import contextlib
 import io
 import socket
 import threading
+import warnings
 
 import viser
 
@@ -63,6 +64,8 @@ def serve(start: Start, host: str = "127.0.0.1", port: int = 8080) -> viser.Vise
     Raises:
         InputError: nothing can listen at that address.
     """
+    # A browser that leaves while a trial plays is nothing to warn of.
+    warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
     server = open_server(host, port)
     pages: dict[int, Page] = {}
     lock = threading.Lock()
@@ -74,6 +77,9 @@ def serve(start: Start, host: str = "127.0.0.1", port: int = 8080) -> viser.Vise
         if client.client_id not in server.get_clients():
             disconnect(client)
 
+    async def leave(client: viser.ClientHandle) -> None:
+        disconnect(client)
+
     def disconnect(client: viser.ClientHandle) -> None:
         with lock:
             page = pages.pop(client.client_id, None)
@@ -81,7 +87,8 @@ def serve(start: Start, host: str = "127.0.0.1", port: int = 8080) -> viser.Vise
             page.close()
 
     server.on_client_connect(connect)
-    server.on_client_disconnect(disconnect)
+    # Awaited rather than queued, so that what plays stops at once.
+    server.on_client_disconnect(leave)
     return server
 
 
