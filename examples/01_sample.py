@@ -11,7 +11,7 @@ print(f"{len(grasps)} tripod grasps, holding the {grasps.side_m[0] * 100:g} cm s
 for number, grasp in enumerate(grasps):
     position_mm = grasp.X_hand_object.position_m[0] * 1000
     quat_wxyz = grasp.X_hand_object.quat_wxyz[0]
-    print(f"grasp {number}: object in the hand frame at {position_mm.round(1)} mm, quaternion wxyz {quat_wxyz.round(3)}")
+    print(f"grasp {number}: object in the hand frame at {position_mm.round(1)} mm, wxyz {quat_wxyz.round(3)}")
     print(f"  thumb tip to index tip without an object: {grasp.grasp_size_m[0] * 1000:.1f} mm")
 
 print("target joint angles of grasp 0, degrees:")

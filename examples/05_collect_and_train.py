@@ -20,7 +20,8 @@ few = CollectionSpec(trials_per_cell=8, round_per_cell=8)
 with TemporaryDirectory() as folder:
     data, model = Path(folder) / "data", Path(folder) / "model"
     state = collect(hand, prior, few, data, protocol=short)
-    print(f"{state.trials.sum()} trials under protocol {short.name}, {state.held.sum()} held, {state.faithful.sum()} type-faithful")
+    trials, held, faithful = state.trials.sum(), state.held.sum(), state.faithful.sum()
+    print(f"{trials} trials under protocol {short.name}: {held} held, {faithful} type-faithful")
 
     training = CascadeTraining(training=TrainingSpec(epochs=15, batch_size=32))
     fitted = fit_cascade(hand, load_dataset(data), factorization("model3"), training)

@@ -1,6 +1,7 @@
 """Every example runs as a newcomer would run it, and says in its first line what it shows."""
 
 import ast
+import re
 import runpy
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
+DOCS = FOLDER.parent / "docs"
 
 
 def test_the_examples_are_numbered_from_one() -> None:
@@ -34,3 +36,11 @@ def test_an_example_runs_and_prints(
     runpy.run_path(str(path), run_name="__main__")
     assert capsys.readouterr().out.strip()
     assert not list(tmp_path.iterdir()), "an example leaves nothing behind"
+
+
+@pytest.mark.parametrize("page", ["quickstart.md", "protocol.md"])
+def test_the_python_of_a_page_runs(page: str) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
+    assert blocks
+    for number, block in enumerate(blocks):
+        exec(compile(block, f"{page} block {number}", "exec"), {})

@@ -1,6 +1,7 @@
 """Pictures: what they show, that they are small, and what is said where they cannot be drawn."""
 
 import importlib.util
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -141,6 +142,18 @@ def test_a_missing_renderer_names_the_package_and_the_variable(monkeypatch: pyte
     monkeypatch.setattr("graspcascade.pictures.studio._context_class", missing)
     with pytest.raises(InputError, match=r"libosmesa6.*MUJOCO_GL=osmesa"):
         Studio()
+
+
+def test_a_renderer_that_is_not_there_is_one_line_on_the_command_line(tmp_path: Path) -> None:
+    picture = tmp_path / "grasp.png"
+    command = [sys.executable, "-m", "graspcascade.cli", "sample", "tripod", "box_medium", "--picture", str(picture)]
+    # PyOpenGL cannot serve two platforms in one process, so OSMesa cannot be had with this one.
+    environment = os.environ | {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "egl"}
+    said = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert said.returncode == 2
+    assert len(said.stderr.splitlines()) == 1
+    assert "libosmesa6" in said.stderr or "graspcascade[view]" in said.stderr
+    assert not picture.exists()
 
 
 @pytest.mark.parametrize("name", ["grasps.jpg", "nowhere/grasps.png", "folder.png"])

@@ -158,6 +158,7 @@ def test_every_verdict_has_words_and_stands_with_its_protocol(session: Session, 
     assert "none tried yet under protocol short" in rate_text(session)
     session.try_some()
     assert "protocol short" in grasp_html(session, "posture")
+    assert "gc-verdict" not in grasp_html(session, "trial", playing=True)
     assert "of 4 tried held" in rate_text(session)
     assert "protocol short" in rate_text(session)
 
@@ -167,6 +168,7 @@ def test_the_table_has_a_row_for_each_grasp_and_marks_the_one_looked_at(session:
     table = table_html(session)
     assert table.count("<tr") == 1 + len(session)
     assert table.count("gc-current") == 1
+    assert "gc-current" not in table_html(session, mark=False)
     assert table.index("gc-current") < table.index(">2</td>")
 
 

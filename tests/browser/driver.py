@@ -33,7 +33,7 @@ class Browser:
     def text(self, css: str) -> str:
         """Read in one go: what a playing trial rewrites many times a second is gone before a second question."""
         script = "return [...document.querySelectorAll(arguments[0])].map(found => found.innerText).join(' ')"
-        return str(self.chrome.execute_script(script, css))
+        return " ".join(str(self.chrome.execute_script(script, css)).split())
 
     def wait_text(self, css: str, part: str) -> str:
         return str(self.until(lambda: part in self.text(css) and self.text(css), f"{part!r} in {css}"))

@@ -1,6 +1,7 @@
 """The served page in a real browser: loads, samples, plays, downloads, survives, for two browsers at once."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -10,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("viser")
-pytest.importorskip("selenium")
+if not os.environ.get("CI"):  # where everything must run, a missing package is an error
+    pytest.importorskip("viser")
+    pytest.importorskip("selenium")
 
 from driver import Browser
 
@@ -25,9 +27,7 @@ def play(browser: Browser) -> str:
     browser.choose("speed", "8 x")
     browser.press("Play trial")
     browser.wait_text(".gc-shown", "trial at")
-    browser.until(lambda: "not tried" not in browser.text(".gc-verdict"), "a verdict")
-    browser.until(lambda: not browser.chrome.find_elements("xpath", "//button[normalize-space()='Stop']"), "the end")
-    return browser.text(".gc-verdict")
+    return browser.wait_text(".gc-verdict", "protocol")
 
 
 def test_loads_and_draws_the_hand_and_the_object(browser: Browser, address: str) -> None:

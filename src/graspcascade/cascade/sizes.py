@@ -19,7 +19,7 @@ PAPER_GRASP_OFFSET_M = -0.005
 PAPER_OBJECT_OFFSET_M = 0.010
 """The paper's object size minus side (section V)."""
 _KNOTS = np.linspace(0.05, 0.95, 19)
-_MIN_GRASPS = 30
+_MIN_GRASPS = 10
 _WINDOW_M = 0.003
 """Half-width of the window of grasp sizes over which a success rate is measured."""
 
@@ -59,7 +59,7 @@ class SizeRule:
                 if good is None:
                     continue
                 some = rows & good
-                # Wider postures were screened out where they cannot touch, so rates near that edge flatter: stay off it.
+                # Postures that cannot touch were screened out, so rates near that edge flatter: stay off it.
                 limit = float(np.quantile(grasp[some], _WIDEST_SHARE))
                 rule.best_offset_m[str(key)] = round(min(_best(grasp[rows], good[rows]), limit), 5)
                 rule.grasp_offsets_m[str(key)] = [round(float(v), 5) for v in np.quantile(grasp[some], _KNOTS)]
@@ -103,7 +103,11 @@ class SizeRule:
 
     def to_json(self) -> dict[str, Any]:
         """Give the tables as plain JSON."""
-        return {"best_offset_m": self.best_offset_m, "grasp_offsets_m": self.grasp_offsets_m, "object_offset_m": self.object_offset_m}
+        return {
+            "best_offset_m": self.best_offset_m,
+            "grasp_offsets_m": self.grasp_offsets_m,
+            "object_offset_m": self.object_offset_m,
+        }
 
 
 def _keys(request: Request) -> tuple[list[str], list[str], list[str]]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
-from ..evaluation import report
 from ..taxonomy import GRASP_TYPES
 from .console import print_json
 
@@ -35,9 +34,13 @@ class Report:
         if not self.results.is_dir():
             raise InputError(f"there is no folder {self.results}")
         if self.figures is not None:
-            from ..pictures import need_matplotlib
+            from ..pictures import need_matplotlib, need_renderer
 
             need_matplotlib()
+            need_renderer()
+        # Evaluation loads the physics engine, which a wrong setting of the renderer stops from loading at all.
+        from ..evaluation import report
+
         report(self.results, self.out)
         written = [self.out] + ([] if self.figures is None else self._draw(self.figures))
         if self.json:

@@ -63,6 +63,8 @@ class Sample:
             raise InputError("give --side-cm or --side-axis, not both")
         if self.out is not None:
             check_target(self.out, self.format)
+        if self.picture is not None:
+            _check_picture(self.picture)
         placed = None if self.object_pose is None else Pose.of(self.object_pose[:3], self.object_pose[3:])
         axis = self.side_axis
         if self.side_cm is not None:
@@ -72,6 +74,8 @@ class Sample:
         metadata = self._metadata(sampler.name, sampler.hand.description.name)
         if self.out is not None:
             save_grasps(self.out, grasps, metadata=metadata, X_world_object=placed, format=self.format)
+        if self.picture is not None:
+            _draw(self.picture, grasps[:_PICTURED])
         if self.json:
             print_json(document_to_json(GraspDocument(grasps, metadata, placed)))
         elif self.out is not None:
@@ -79,7 +83,7 @@ class Sample:
         else:
             _print_summary(grasps, placed)
         if self.picture is not None and not self.json:
-            print(f"drew {min(len(grasps), _PICTURED)} grasps in {self.picture}")
+            print(f"drew {min(len(grasps), _PICTURED)} of {len(grasps)} grasps in {self.picture}")
 
     def _metadata(self, model: str, hand: str) -> dict[str, Any]:
         asked: dict[str, Any] = {"grasp_type": self.grasp_type, "object": self.object_label}
@@ -90,11 +94,12 @@ class Sample:
 
 def _check_picture(path: Path) -> None:
     # Sampling alone needs neither physics nor a renderer, so both are asked for only here.
-    from ..pictures import need_matplotlib
+    from ..pictures import need_matplotlib, need_renderer
     from ..pictures.paper import check_png
 
     check_png(path)
     need_matplotlib()
+    need_renderer()
 
 
 def _draw(path: Path, grasps: Grasps) -> None:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from ..errors import InputError
-from ..formats import load_document
 from ..objects import grasp_object
 from ..taxonomy import grasp_type
 from .models import load_sampler
@@ -28,6 +27,8 @@ class View:
 
     file: Annotated[Positional[Path | None], arg(metavar="FILE")] = None
     """Grasp file to open; without one the page begins with sampled grasps."""
+    trust_pickle: bool = False
+    """Unpickle .npy files, which can run any code: only for files you trust."""
     grasp_type: str | None = None
     """Grasp type to begin with (tripod)."""
     object_label: Annotated[str | None, arg(name="object")] = None
@@ -76,8 +77,6 @@ class View:
         }
         if self.file is not None and asked:
             raise InputError(f"give a file or what to sample, not both: {self.file} and {', '.join(asked)}")
-        if self.file is not None:
-            load_document(self.file)  # an unreadable file is told before anything heavy is loaded
         if self.grasp_type is not None:
             asked["grasp_type"] = grasp_type(self.grasp_type).name
         if self.object_label is not None:
@@ -92,7 +91,7 @@ class View:
         protocol = PAPER if self.friction is None else with_friction(self.friction)
         request, hand, sampler = SampleRequest(**asked), shadow_hand(), load_sampler(self.model)
         request.check()
-        batch = sample_batch(sampler, request) if self.file is None else file_batch(self.file, hand)
+        batch = sample_batch(sampler, request) if self.file is None else file_batch(self.file, hand, self.trust_pickle)
         note = "" if self.file is None else f"{len(batch.grasps)} grasps of {self.file.name}"
         return Start(sampler, HandShapes(hand, hand_meshes(hand)), request, protocol, batch, note)
 

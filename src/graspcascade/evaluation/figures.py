@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from ..pictures.paper import FAINT, INK, blank_figure, save_png
 from .files import read_json
 from .record import Cell, Evaluation, is_evaluation
+from .results_page import HEURISTIC
 
 
 def heat_maps(results_dir: Path | str, folder: Path | str) -> list[Path]:
-    """Draw one heat map for each evaluation in a folder of JSON files.
+    """Draw one heat map for each evaluation, of those in a folder of JSON files, under the page's protocol.
 
     Args:
         results_dir: folder of the JSON files.
@@ -27,14 +28,15 @@ def heat_maps(results_dir: Path | str, folder: Path | str) -> list[Path]:
         InputError: matplotlib is not installed.
         FileFormatError: a file is not JSON, or an evaluation that contradicts itself.
     """
+    paths = sorted(Path(results_dir).glob("*.json"), key=lambda path: (path.stem != HEURISTIC, path.stem))
+    found = {path.stem: Evaluation.load(path) for path in paths if is_evaluation(read_json(path))}
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for path in sorted(Path(results_dir).glob("*.json")):
-        if is_evaluation(read_json(path)):
-            target = folder / f"success_{path.stem}.png"
-            save_png(success_heat_map(Evaluation.load(path)), target)
-            written.append(target)
+    for stem, evaluation in found.items():
+        if evaluation.protocol == next(iter(found.values())).protocol:
+            written.append(folder / f"success_{stem}.png")
+            save_png(success_heat_map(evaluation), written[-1])
     return written
 
 
@@ -52,7 +54,9 @@ def success_heat_map(found: Evaluation) -> Any:
         )
     axes[0].set_yticks(range(len(found.by_object)), found.by_object, fontsize=9, color=INK)
     figure.suptitle(
-        f"{found.model} under protocol {found.protocol.name}: % of {found.per_cell} trials a cell", fontsize=12, color=INK
+        f"{found.model} under protocol {found.protocol.name}: % of {found.per_cell} trials a cell",
+        fontsize=12,
+        color=INK,
     )
     figure.subplots_adjust(left=0.13, right=0.91, top=0.85, bottom=0.21, wspace=0.05)
     bar = figure.colorbar(drawn, ax=axes, cax=figure.add_axes((0.93, 0.21, 0.015, 0.64)))

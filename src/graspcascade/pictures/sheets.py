@@ -107,7 +107,9 @@ def grasp_types_sheet(studio: Studio, sample: Sample, protocol: Protocol = PAPER
 def _good(grasps: Grasps, protocol: Protocol) -> Stages:
     found = next((one for one in stages_of(grasps, protocol) if one.faithful), None)
     if found is None:
-        raise InputError(f"none of {len(grasps)} {grasps.grasp_type[0]} grasps of {grasps.object_label[0]} was faithful")
+        raise InputError(
+            f"none of {len(grasps)} {grasps.grasp_type[0]} grasps of {grasps.object_label[0]} was faithful"
+        )
     return found
 
 

@@ -251,6 +251,15 @@ def _direction(view: View) -> NDArray[np.float64]:
     return np.array([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
 
 
+def need_renderer() -> None:
+    """Check that pictures can be drawn offscreen.
+
+    Raises:
+        InputError: nothing to draw with is installed; the message says what to install.
+    """
+    _gl_context(8, 8).free()
+
+
 def _gl_context(width: int, height: int) -> Any:
     """Open a drawing surface: MUJOCO_GL's choice, or without a display the software renderer."""
     try:

@@ -75,7 +75,7 @@ class Page:
         c.sample.on_click(lambda _: self._sample())
         c.flip.on_click(lambda _: self._go(self.session.index + (1 if c.flip.value == NEXT else -1)))
         c.play.on_click(lambda _: self._play())
-        c.stop.on_click(lambda _: self.close())
+        c.stop.on_click(lambda _: self._stop())
         c.try_all.on_click(lambda _: self._try_all())
         c.download.on_click(lambda _: self._download())
         # What the page itself writes into a widget must not act as if a person had.
@@ -152,6 +152,11 @@ class Page:
             self._halt = halt = threading.Event()
         self._run(recording, halt, SPEEDS[self._controls.speed.value])
 
+    def _stop(self) -> None:
+        with self._action():
+            self._controls.stop.visible = False
+            self._write("stopped")
+
     def _run(self, recording: Recording, halt: threading.Event, speed: float) -> None:
         """Show frames at the pace of the clock, leaving out those that a slow machine comes too late for."""
         began, row = time.monotonic(), 0
@@ -181,7 +186,7 @@ class Page:
         with self._client.atomic():
             self._actors.show(recording.frame(row))
             put(self._controls.time, round(float(recording.time_s[row]), 2))
-            words = grasp_html(self.session, self._moment(recording, row))
+            words = grasp_html(self.session, self._moment(recording, row), playing=True)
             if words != self._controls.about.content:
                 self._controls.about.content = words
 
@@ -221,6 +226,7 @@ class Page:
         c, count = self._controls, len(self.session)
         put(c.grasp, 0)
         c.grasp.max, c.grasp.disabled = max(count - 1, 1), count == 1
+        put(c.time, 0.0)
         c.stop.visible, c.time.disabled = False, True
         if c.view.value == "settled":
             put(c.view, "posture")

@@ -101,13 +101,18 @@ def sample_batch(sampler: GraspSampler, request: SampleRequest) -> Batch:
     return Batch(grasps, f"{grasps.grasp_type[0]}_{grasps.object_label[0]}{side}_seed{request.seed}", metadata)
 
 
-def file_batch(path: Path, hand: HandModel) -> Batch:
+def file_batch(path: Path, hand: HandModel, trust_pickle: bool = False) -> Batch:
     """Open a grasp file.
+
+    Args:
+        path: file of any format that can be read.
+        hand: hand whose joints it must have.
+        trust_pickle: read pickled files, which run whatever code they carry.
 
     Raises:
         InputError: it cannot be read, holds no grasps or lacks joints of the hand.
     """
-    document = load_document(path)
+    document = load_document(path, trust_pickle=trust_pickle)
     grasps = document.grasps
     if not len(grasps):
         raise InputError(f"{path} holds no grasps")

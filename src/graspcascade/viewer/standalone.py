@@ -21,8 +21,9 @@ MAX_SHOWN = 50
 _FRAME_S = 0.04
 _LOOK_S = 0.8
 _GRAVITY_SPEED = 5.0
+_CAPTION_M = (0.0, -0.06, -0.09)
 _OVERLAY = (
-    "position:fixed;left:0.75em;top:0.75em;z-index:10;max-width:30em;background:rgba(255,255,255,0.92);"
+    "position:fixed;left:0.75em;bottom:4.5em;z-index:10;max-width:30em;background:rgba(255,255,255,0.92);"
     "border:1px solid #dee2e6;border-radius:0.4em;padding:0.4em 0.2em;font-family:sans-serif;color:#212529"
 )
 
@@ -52,7 +53,6 @@ def write_standalone(path: Path, batch: Batch, protocol: Protocol, shapes: HandS
         html = _scene_html(server, session, recordings, shapes)
     finally:
         close_server(server)
-    session.go(-1)
     text = _with_overlay(html, session, len(batch.grasps))
     write_staged(path, lambda staged: _write(staged, text))
     return len(session)
@@ -68,7 +68,7 @@ def _scene_html(
     actors = Actors(server.scene, shapes)
     session.go(0)
     actors.show(session.frame("pregrasp"))
-    caption = server.scene.add_label("/caption", "", position=(0.0, 0.0, 0.245), anchor="bottom-center")
+    caption = server.scene.add_label("/caption", "", position=_CAPTION_M, anchor="center-center", font_screen_scale=1.3)
     serializer = server.get_scene_serializer()
 
     def show(frame: Frame, words: str, lasting_s: float) -> None:
@@ -99,7 +99,7 @@ def _with_overlay(html: str, session: Session, total: int) -> str:
     left_out = f"<div style='padding:0 0.75em;font-size:0.8em'>the first {len(session)} of {total}</div>"
     overlay = (
         f'<details open style="{_OVERLAY}"><summary style="padding:0 0.6em;cursor:pointer"><b>{name}</b></summary>'
-        f"{left_out if total > len(session) else ''}{table_html(session)}</details>"
+        f"{left_out if total > len(session) else ''}{table_html(session, mark=False)}</details>"
     )
     head, found, tail = html.replace("<title>Viser</title>", f"<title>{name} - graspcascade</title>").rpartition(
         "</body>"

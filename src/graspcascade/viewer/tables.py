@@ -34,14 +34,16 @@ def message_html(text: str, *, error: bool = False) -> str:
     )
 
 
-def grasp_html(session: Session, shown: str) -> str:
-    """Say which grasp is looked at, what of it is shown, and its verdict."""
+def grasp_html(session: Session, shown: str, *, playing: bool = False) -> str:
+    """Say which grasp is looked at, what of it is shown, and its verdict, which a playing trial keeps to its end."""
     grasp = session.grasp
     kind, label = (escape(str(column[0]).replace("_", " ")) for column in (grasp.grasp_type, grasp.object_label))
     lines = [
         f"<b>{kind}</b> of <b>{label}</b>, by {_side(session, session.index)}",
         f'shown: <span class="gc-shown">{escape(shown)}</span>',
-        verdict_html(session.outcome, session.faithful(session.index), session.protocol.name),
+        f"protocol {escape(session.protocol.name)}"
+        if playing
+        else verdict_html(session.outcome, session.faithful(session.index), session.protocol.name),
     ]
     return f'<div style="{_PANEL}">' + "<br>".join(lines) + "</div>"
 
@@ -55,8 +57,13 @@ def verdict_html(outcome: Outcomes | None, faithful: bool, protocol: str) -> str
     return f'<span class="gc-verdict">{_badge(verdict)} {more}protocol {escape(protocol)}</span>'
 
 
-def table_html(session: Session) -> str:
-    """Tabulate the samples: index, side, grasp size, chance where known, verdict where tried."""
+def table_html(session: Session, *, mark: bool = True) -> str:
+    """Tabulate the samples: index, side, grasp size, chance where known, verdict where tried.
+
+    Args:
+        session: what is looked at.
+        mark: set off the row of the grasp looked at.
+    """
     grasps = session.batch.grasps
     mixed = [
         (title, column)
@@ -75,7 +82,7 @@ def table_html(session: Session) -> str:
         outcome = session.outcomes.get(index)
         faithful = " faithful" if session.faithful(index) else ""
         cells.append("-" if outcome is None else _badge(str(outcome.verdict[0])) + faithful)
-        here = ' class="gc-current" style="background:#e7f1ff"' if index == session.index else ""
+        here = ' class="gc-current" style="background:#e7f1ff"' if mark and index == session.index else ""
         rows.append(f"<tr{here}>" + "".join(f'<td style="{_CELL}">{cell}</td>' for cell in cells) + "</tr>")
     head = "".join(f'<th style="{_CELL};position:sticky;top:0;background:#fff">{title}</th>' for title in titles)
     body = f'<table class="gc-table" style="border-collapse:collapse;width:100%"><tr>{head}</tr>{"".join(rows)}</table>'
