@@ -532,3 +532,8 @@ def test_hands_shows_joints_limits_coupling_and_frames(call: Call, hand: HandMod
     shown = call("hands", "show", "shadow_hand_right").out
     assert all(name in shown for name in (*hand.joint_names, "thumb_pad", "in degrees"))
     assert_refused(call("hands", "show", "barrett"), "unknown hand 'barrett'", "shadow_hand_right")
+
+
+def test_a_hand_may_be_named_by_the_beginning_of_its_name(call: Call) -> None:
+    assert call("hands", "show", "shadow").out == call("hands", "show", "shadow_hand_right").out
+    assert call("hands", "show", "").status == 2

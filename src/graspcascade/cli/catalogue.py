@@ -71,11 +71,13 @@ class Hands:
                 rows = [[h.name, str(len(h.joint_names)), ", ".join(h.wrist_joints)] for h in hands.values()]
                 print_table(["hand", "joints", "wrist joints, held at zero"], rows, left=(0, 2))
             return
-        if self.name not in hands:
+        # The beginning of a name will do while it is the beginning of one only.
+        meant = [name for name in hands if name == self.name] or [name for name in hands if name.startswith(self.name)]
+        if len(meant) != 1 or not self.name:
             raise unknown("hand", self.name, hands)
         from .hand_facts import hand_facts
 
-        facts = hand_facts(hands[self.name])
+        facts = hand_facts(hands[meant[0]])
         if self.json:
             print_json(facts)
         else:
