@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -251,6 +252,27 @@ def test_saving_and_loading_changes_nothing(fitted: FittedCascade, tmp_path: Pat
     for name, column in one.columns().items():
         np.testing.assert_array_equal(column, two.columns()[name])
     assert loaded.metadata["learned_from"] == 600
+
+
+def test_an_evaluation_beside_the_weights_comes_along(fitted: FittedCascade, tmp_path: Path) -> None:
+    fitted.save(tmp_path)
+    assert GraspSampler.load(tmp_path).measured == {}
+    cell = {"grasp_type": "tripod", "object": "box_small", "n": 10, "held": 7}
+    (tmp_path / "evaluation.json").write_text(json.dumps({"protocol": "paper", "cells": [cell]}))
+    measured = {"tripod/box_small": {"held": 7, "n": 10, "protocol": "paper"}}
+    assert GraspSampler.load(tmp_path).origin("tripod", "box_small")["measured"] == measured
+    assert GraspSampler.load(tmp_path).origin("tripod", "box_large")["measured"] == {}
+    (tmp_path / "evaluation.json").write_text("[1, 2]")
+    with pytest.raises(FileFormatError, match="evaluation"):
+        GraspSampler.load(tmp_path)
+
+
+def test_the_shipped_cascade_carries_its_published_evaluation() -> None:
+    published = json.loads((Path(__file__).parents[1] / "docs/results/model3.json").read_text())
+    measured = GraspSampler.pretrained().measured
+    assert len(measured) == len(published["cells"]) == 54
+    for cell in published["cells"]:
+        assert measured[f"{cell['grasp_type']}/{cell['object']}"]["held"] == cell["held"]
 
 
 def test_a_stored_hand_has_the_same_geometry() -> None:

@@ -537,3 +537,17 @@ def test_hands_shows_joints_limits_coupling_and_frames(call: Call, hand: HandMod
 def test_a_hand_may_be_named_by_the_beginning_of_its_name(call: Call) -> None:
     assert call("hands", "show", "shadow").out == call("hands", "show", "shadow_hand_right").out
     assert call("hands", "show", "").status == 2
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_completion_scripts_know_every_command(call: Call, shell: str) -> None:
+    script = call("completion", shell)
+    assert script.status == 0
+    for name in ("sample", "trial", "evaluate", "collect", "train", "view", "export", "report"):
+        assert name in script.out
+
+
+def test_completion_for_an_unknown_shell_names_the_known_ones(call: Call) -> None:
+    refused = call("completion", "powershell")
+    assert refused.status == 2
+    assert "bash" in refused.err

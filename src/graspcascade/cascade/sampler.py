@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from .sizes import SizeMode, SizeRule
 from .stages import Factorization, factorization_from_json
 
 WEIGHTS_FILE = "cascade.safetensors"
+EVALUATION_FILE = "evaluation.json"
 _KIND = "grasp cascade"
 
 
@@ -40,6 +42,7 @@ class GraspSampler:
         sizes: which sizes to ask for.
         metadata: what it was trained on and how.
         size_mode: how sizes are chosen from `sizes`.
+        measured: trials of its evaluation by "type/object": ``{"held", "n", "protocol"}``; empty before there is one.
     """
 
     name: str
@@ -49,6 +52,7 @@ class GraspSampler:
     sizes: SizeRule
     metadata: dict[str, Any]
     size_mode: SizeMode = "best"
+    measured: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @classmethod
     def pretrained(cls, name: str = "default") -> GraspSampler:
@@ -66,6 +70,8 @@ class GraspSampler:
     @classmethod
     def load(cls, folder: Path | str) -> GraspSampler:
         """Load a trained cascade from its folder (or weights file).
+
+        An `evaluation.json` beside the weights, as `graspcascade evaluate --out` writes it, comes along as `measured`.
 
         Raises:
             InputError: there is no such folder or file.
@@ -87,7 +93,10 @@ class GraspSampler:
             raise FileFormatError(f"{path} lacks or garbles {error}") from error
         if missing:
             raise FileFormatError(f"{path} lacks the weights of stage {', '.join(missing)}")
-        return cls(factorization.name, hand, factorization, stored.decoders, sizes, about["training"])
+        measured = _measured(path.with_name(EVALUATION_FILE))
+        return cls(
+            factorization.name, hand, factorization, stored.decoders, sizes, about["training"], measured=measured
+        )
 
     def save(self, folder: Path | str) -> None:
         """Write one safetensors file whose header carries stages, hand geometry, sizes and training as JSON.
@@ -105,6 +114,12 @@ class GraspSampler:
             "training": self.metadata,
         }
         save_decoders(folder / WEIGHTS_FILE, self.decoders, metadata)
+
+    def origin(self, grasp_type_name: str, object_label: str) -> dict[str, Any]:
+        """Say where samples come from, for a file: model, hand, and what was measured for type and object."""
+        cell = f"{grasp_type(grasp_type_name).name}/{grasp_object(object_label).label}"
+        measured = {cell: dict(self.measured[cell])} if cell in self.measured else {}
+        return {"source": "cascade", "model": self.name, "hand": self.hand.description.name, "measured": measured}
 
     def sample(
         self, grasp_type_name: str, object_label: str, side_axis: str | None = None, n: int = 10, seed: int = 0
@@ -182,3 +197,25 @@ class GraspSampler:
 
 DEFAULT = "model3"
 """The shipped cascade that `GraspSampler.pretrained()` loads."""
+
+
+def _measured(path: Path) -> dict[str, dict[str, Any]]:
+    """Read the counts of an evaluation file, nothing where there is none.
+
+    Raises:
+        FileFormatError: the file is no evaluation.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return {
+            f"{cell['grasp_type']}/{cell['object']}": {
+                "held": int(cell["held"]),
+                "n": int(cell["n"]),
+                "protocol": str(found["protocol"]),
+            }
+            for cell in found["cells"]
+        }
+    except (ValueError, KeyError, TypeError, OSError) as error:
+        raise FileFormatError(f"{path} is no evaluation of a cascade: {error}") from error

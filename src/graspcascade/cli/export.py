@@ -55,7 +55,8 @@ class Export:
     side_axis: str | None = None
     """Side axis (x, y or z) of grasps whose file does not say; by default the one nearest to the opposition axis."""
     evaluation: Path | None = None
-    """Evaluation (JSON) of the model: its held rates become the confidence of grasps without a probability."""
+    """Evaluation (JSON) of the model: its held rates become the confidence of grasps without a probability, instead of
+    those that came with the model the grasps were sampled from."""
     settle: bool = False
     """Try the grasps in physics first and write joints and object pose in contact, where a format has them."""
     object_pose: Annotated[PoseNumbers | None, arg(metavar="X Y Z QW QX QY QZ")] = None
@@ -98,7 +99,7 @@ class Export:
             format=self.format,
             options=options,
         )
-        unknown = int(np.isnan(options.confidence(found.grasps)).sum())
+        unknown = int(np.isnan(options.with_rates_of(found.metadata).confidence(found.grasps)).sum())
         reached = None if options.outcomes is None else int(options.outcomes.held.sum())
         if self.json:
             print_json({"out": str(self.out), "n": len(found.grasps), "without_confidence": unknown, "held": reached})

@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from ..errors import InputError, unknown
 
@@ -53,6 +53,7 @@ VERBS: Mapping[str, Verb] = {
     "export": Verb("export", "write the grasps of a file in another format"),
     "hands": Verb("catalogue", "list the hands, or show one's joints, limits and frames"),
     "objects": Verb("catalogue", "list the objects and their graspable sides"),
+    "completion": Verb("completion", "a completion script for bash or zsh"),
 }
 """Every command by name, in the order of the workflow."""
 
@@ -98,6 +99,13 @@ def _run(name: str, arguments: list[str]) -> int:
     return DONE
 
 
+def tyro_config() -> tuple[Any, ...]:
+    """Give the markers under which tyro reads every command."""
+    import tyro
+
+    return (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone)
+
+
 def _parse(name: str, verb: type[Command], arguments: list[str]) -> Command | None:
     """Let tyro read the arguments; None when it has printed help.
 
@@ -113,7 +121,7 @@ def _parse(name: str, verb: type[Command], arguments: list[str]) -> Command | No
                 verb,
                 args=arguments,
                 prog=f"graspcascade {name}",
-                config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone),
+                config=tyro_config(),
             )
     except SystemExit as stop:
         if not stop.code:

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import Positional, arg
 
+from ..cascade import GraspSampler
 from ..errors import InputError
 from ..formats import GraspDocument, check_target, document_to_json, save_grasps
 from ..grasps import Grasps
@@ -71,7 +72,7 @@ class Sample:
             axis = grasp_object(self.object_label).side_axis_of_length(self.side_cm / 100)
         sampler = load_sampler(self.model)
         grasps = sampler.sample(self.grasp_type, self.object_label, axis, self.n, self.seed)
-        metadata = self._metadata(sampler.name, sampler.hand.description.name)
+        metadata = self._metadata(sampler)
         if self.out is not None:
             save_grasps(self.out, grasps, metadata=metadata, X_world_object=placed, format=self.format)
         if self.picture is not None:
@@ -85,11 +86,11 @@ class Sample:
         if self.picture is not None and not self.json:
             print(f"drew {min(len(grasps), _PICTURED)} of {len(grasps)} grasps in {self.picture}")
 
-    def _metadata(self, model: str, hand: str) -> dict[str, Any]:
+    def _metadata(self, sampler: GraspSampler) -> dict[str, Any]:
         asked: dict[str, Any] = {"grasp_type": self.grasp_type, "object": self.object_label}
         asked |= {"side_cm": self.side_cm, "side_axis": self.side_axis, "n": self.n, "seed": self.seed}
         versions = {"graspcascade": version("graspcascade"), "numpy": np.__version__}
-        return {"source": "cascade", "model": model, "hand": hand, "asked": asked, "versions": versions}
+        return sampler.origin(self.grasp_type, self.object_label) | {"asked": asked, "versions": versions}
 
 
 def _check_picture(path: Path) -> None:

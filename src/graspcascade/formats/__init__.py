@@ -58,7 +58,7 @@ def save_grasps(
     path = Path(path)
     chosen = format_to_write(path, format)
     _check_place(chosen, path)
-    options = ExportOptions() if options is None else options
+    options = (ExportOptions() if options is None else options).with_rates_of(metadata)
     if options.outcomes is not None and len(options.outcomes) != len(grasps):
         raise InputError(f"there are {len(options.outcomes)} outcomes for {len(grasps)} grasps")
     document = GraspDocument(grasps, metadata, X_world_object)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,19 @@ class ExportOptions:
         pairs = zip(grasps.grasp_type.tolist(), grasps.object_label.tolist(), strict=True)
         measured = np.array([self.held_rates.get(pair, np.nan) for pair in pairs])
         return np.where(np.isnan(grasps.probability), measured.reshape(len(grasps)), grasps.probability)
+
+    def with_rates_of(self, metadata: Mapping[str, Any]) -> ExportOptions:
+        """Add the measured rates that a document's metadata carries (see `GraspSampler.measured`); own rates win."""
+        try:
+            carried = {
+                (kind, label): float(cell["held"]) / float(cell["n"])
+                for key, cell in dict(metadata.get("measured", {})).items()
+                for kind, label in [key.split("/")]
+            }
+        except (TypeError, ValueError, KeyError, ZeroDivisionError):
+            # Metadata is free-form: what does not read as rates is none.
+            return self
+        return replace(self, held_rates=carried | dict(self.held_rates))
 
 
 @dataclass(frozen=True)

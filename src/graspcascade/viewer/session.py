@@ -92,12 +92,7 @@ def sample_batch(sampler: GraspSampler, request: SampleRequest) -> Batch:
     asked = (request.grasp_type, request.object_label, request.side_axis)
     grasps = sampler.sample(*asked, n=request.n, seed=request.seed)
     side = "" if request.side_axis is None else f"_{request.side_axis}"
-    metadata = {
-        "source": "cascade",
-        "model": sampler.name,
-        "hand": sampler.hand.description.name,
-        "asked": asdict(request),
-    }
+    metadata = sampler.origin(request.grasp_type, request.object_label) | {"asked": asdict(request)}
     return Batch(grasps, f"{grasps.grasp_type[0]}_{grasps.object_label[0]}{side}_seed{request.seed}", metadata)
 
 
