@@ -152,9 +152,9 @@ def test_arguments_that_cannot_be_read_are_one_line(
 
 
 def test_a_shell_sees_status_and_one_line_without_a_traceback() -> None:
-    done = python("-m", "graspcascade.cli", "hands", "show", "shadow")
+    done = python("-m", "graspcascade.cli", "hands", "show", "shadwo")
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("graspcascade hands: unknown hand 'shadow'")
+    assert done.stderr.startswith("graspcascade hands: unknown hand 'shadwo'")
     assert len(done.stderr.splitlines()) == 1
     done = python("-m", "graspcascade.cli", "objects", "--json")
     assert (done.returncode, done.stderr) == (0, "")
