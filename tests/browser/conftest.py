@@ -38,6 +38,12 @@ FLAGS = (
 OpenBrowser = Callable[[], "Browser"]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put these tests last: a server's and a browser's threads should not run beside tests of other things."""
+    here = Path(__file__).parent
+    items.sort(key=lambda item: here in item.path.parents)
+
+
 @pytest.fixture(scope="session")
 def programs() -> tuple[str, str]:
     """Find Chromium and its driver: skip without them, except where CI says that everything must run."""
@@ -71,7 +77,7 @@ def opened(programs: tuple[str, str], folder: Path) -> Iterator["Browser"]:
         chrome.quit()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser(programs: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator["Browser"]:
     with opened(programs, tmp_path_factory.mktemp("browser")) as found:
         yield found
@@ -83,7 +89,7 @@ def second_browser(programs: tuple[str, str], tmp_path: Path) -> Iterator["Brows
         yield found
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def start(hand: HandModel) -> "Start":
     from graspcascade.viewer.page import Start
     from graspcascade.viewer.scene import HandShapes
@@ -92,7 +98,7 @@ def start(hand: HandModel) -> "Start":
     return Start(sampler, HandShapes(hand, hand_meshes(hand)), request, PAPER, sample_batch(sampler, request))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def address(start: "Start") -> Iterator[str]:
     from graspcascade.viewer.server import close_server, serve
 
