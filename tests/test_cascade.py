@@ -7,13 +7,14 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from graspcascade.candidates import candidates, draw_sides
+from graspcascade.candidates import candidates, draw_sides, opposition_points
 from graspcascade.cascade import FACTORIZATIONS, GraspSampler, factorization
 from graspcascade.cascade.encoding import Request
 from graspcascade.cascade.fit import CascadeTraining, FittedCascade, fit_cascade, prepare
@@ -110,9 +111,13 @@ def test_an_unknown_factorization_names_the_nearest() -> None:
 # -- the learning frame and the folding
 
 
+def frame_of(grasps: Grasps, frame: Literal["opposition", "hand"]) -> Pose:
+    return learning_frame(*opposition_points(HAND, grasps.posture, grasps.grasp_type), frame)
+
+
 def test_candidates_lie_at_the_origin_of_the_opposition_frame_with_their_side_along_x() -> None:
     grasps = drawn_candidates(80)
-    frame = learning_frame(HAND, grasps.posture, grasps.grasp_type, "opposition")
+    frame = frame_of(grasps, "opposition")
     in_frame = frame.inverse() @ grasps.X_hand_object
     np.testing.assert_allclose(in_frame.position_m, 0.0, atol=1e-12)
     side = np.eye(3)[[AXES.index(axis) for axis in grasps.side_axis]]
@@ -122,7 +127,7 @@ def test_candidates_lie_at_the_origin_of_the_opposition_frame_with_their_side_al
 def test_the_learning_frame_can_be_undone() -> None:
     grasps = drawn_candidates(40)
     for kind in ("opposition", "hand"):
-        frame = learning_frame(HAND, grasps.posture, grasps.grasp_type, kind)
+        frame = frame_of(grasps, kind)
         back = frame @ (frame.inverse() @ grasps.X_hand_object)
         np.testing.assert_allclose(back.position_m, grasps.X_hand_object.position_m, atol=1e-12)
         assert rotation_angle(back.quat_wxyz, grasps.X_hand_object.quat_wxyz).max() < 1e-7
@@ -145,7 +150,7 @@ def test_symmetric_images_of_a_grasp_fold_to_the_same_rotation(seed: int, label:
 
 def test_folded_candidates_stay_within_half_a_turn_of_free_angle() -> None:
     grasps = drawn_candidates(300)
-    frame = learning_frame(HAND, grasps.posture, grasps.grasp_type, "opposition")
+    frame = frame_of(grasps, "opposition")
     in_frame = frame.inverse() @ grasps.X_hand_object
     folded = fold_rotations(in_frame.quat_wxyz, grasps.object_label, grasps.side_axis, "opposition")
     for label in CATALOGUE:

@@ -20,7 +20,7 @@ from ..nets import EpochRecord, NumpyDecoder, TrainingSpec
 from ..postures import contact_metric
 from ..trials import Outcomes
 from .encoding import Request, condition_matrix, encode_posture, encode_request, vae_spec
-from .frames import fold_rotations, frame_between
+from .frames import fold_rotations, learning_frame
 from .sampler import GraspSampler
 from .sizes import SizeRule
 from .stages import Factorization, Stage, Target
@@ -116,7 +116,7 @@ def prepare(hand: HandModel, dataset: Dataset, factorization: Factorization, con
     request = _request(grasps, outcomes)
     pose = grasps.X_hand_object if config.object_pose == "placed" else outcomes.X_hand_object_settled
     thumb, other = opposition_points(hand, grasps.posture, grasps.grasp_type)
-    in_frame = frame_between(thumb, other, factorization.frame).inverse() @ pose
+    in_frame = learning_frame(thumb, other, factorization.frame).inverse() @ pose
     rotation = fold_rotations(in_frame.quat_wxyz, grasps.object_label, grasps.side_axis, factorization.frame)
     # The object size that will be asked for is the cell's median, so training sees that and not each grasp's own.
     _, aimed = sizes.apply(request, "median", np.random.default_rng(0))

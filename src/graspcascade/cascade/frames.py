@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..candidates import opposition_points
-from ..hands import HandModel
 from ..objects import AXES, grasp_object
 from ..poses import Pose, matrix_to_quat, quat_multiply
 from .stages import Frame
@@ -14,23 +12,17 @@ from .stages import Frame
 Array = NDArray[np.float64]
 
 
-def learning_frame(hand: HandModel, postures: Array, grasp_types: NDArray[np.str_], frame: Frame) -> Pose:
+def learning_frame(thumb: Array, other: Array, frame: Frame) -> Pose:
     """Locate the frame that poses are learned in, one for each posture, in the hand frame.
 
     The opposition frame has its origin midway between the opposing places, x along the line from the thumb's to the
-    other, and y as near the hand's x as that allows. It is a function of posture and type alone.
+    other, and y as near the hand's x as that allows.
 
     Args:
-        hand: the hand.
-        postures: ``(n, J)`` radians.
-        grasp_types: ``(n,)`` names.
-        frame: which.
+        thumb: ``(n, 3)`` the thumb's opposing place, metres (see `candidates.opposition_points`).
+        other: ``(n, 3)`` the place it opposes.
+        frame: which frame.
     """
-    return frame_between(*opposition_points(hand, postures, grasp_types), frame)
-
-
-def frame_between(thumb: Array, other: Array, frame: Frame) -> Pose:
-    """Locate the learning frame from the opposing places ``(n, 3)`` (see `learning_frame`)."""
     if frame == "hand":
         return Pose(np.zeros_like(thumb), np.tile([1.0, 0.0, 0.0, 0.0], (len(thumb), 1)))
     return Pose((thumb + other) / 2, _frame_quat(other - thumb))

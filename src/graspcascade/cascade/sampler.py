@@ -21,7 +21,7 @@ from ..objects import grasp_object
 from ..poses import Pose, canonical_quat
 from ..taxonomy import grasp_type
 from .encoding import Request, condition_matrix, encode_posture, encode_request, split_targets
-from .frames import frame_between
+from .frames import learning_frame
 from .sizes import SizeMode, SizeRule
 from .stages import Factorization, factorization_from_json
 
@@ -162,7 +162,7 @@ class GraspSampler:
                 quantities["posture"] = encode_posture(found["posture"], thumb, other)
             if "position" in stage.targets:
                 quantities["position"] = found["position"]
-        frame = frame_between(thumb, other, self.factorization.frame)
+        frame = learning_frame(thumb, other, self.factorization.frame)
         return self._grasps(
             request, found["posture"], frame @ Pose(found["position"], canonical_quat(found["rotation"]))
         )
