@@ -90,7 +90,7 @@ def test_a_pickled_file_is_read_only_on_trust(capsys: pytest.CaptureFixture[str]
 
 
 def test_without_viser_the_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("graspcascade.cli.view.find_spec", lambda name: None)
+    monkeypatch.setattr("graspcascade.cli.needs.find_spec", lambda name: None)
     assert_refused(view(capsys), "viser", "graspcascade[view]")
 
 

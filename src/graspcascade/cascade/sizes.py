@@ -52,7 +52,8 @@ class SizeRule:
         """
         grasp, obj = request.grasp_size_m - request.side_m, request.object_size_m - request.side_m
         rule = cls({}, {}, {})
-        for level in map(np.array, _keys(request)):
+        levels = [_levels(key) for key in _keys(request)]
+        for level in map(np.array, zip(*levels, strict=True)):
             for key in np.unique(level):
                 rows = level == key
                 good = next((s for s in (success, held) if (rows & s).sum() >= _MIN_GRASPS), None)
@@ -81,7 +82,7 @@ class SizeRule:
         if mode == "paper":
             return request.side_m + PAPER_GRASP_OFFSET_M, request.side_m + PAPER_OBJECT_OFFSET_M
         grasp, obj = np.empty_like(request.side_m), np.empty_like(request.side_m)
-        keys, row_key = np.unique(np.array(_keys(request)[0]), return_inverse=True)
+        keys, row_key = np.unique(np.array(_keys(request)), return_inverse=True)
         for place, key in enumerate(map(str, keys)):
             rows = row_key == place
             found = self._finest(key)
@@ -95,7 +96,7 @@ class SizeRule:
         return grasp, obj
 
     def _finest(self, key: str) -> str:
-        levels = (key, key.rsplit("/", 1)[0], key.split("/", 1)[0])
+        levels = _levels(key)
         found = next((level for level in levels if level in self.best_offset_m), None)
         if found is None:
             raise InputError(f"this model has seen no grasps of type {levels[-1]!r}")
@@ -110,14 +111,16 @@ class SizeRule:
         }
 
 
-def _keys(request: Request) -> tuple[list[str], list[str], list[str]]:
-    """Name each row's "type/object/axis", "type/object" and "type"."""
-    types, labels, axes = request.grasp_type.tolist(), request.object_label.tolist(), request.side_axis.tolist()
-    return (
-        [f"{t}/{o}/{a}" for t, o, a in zip(types, labels, axes, strict=True)],
-        [f"{t}/{o}" for t, o in zip(types, labels, strict=True)],
-        types,
-    )
+def _keys(request: Request) -> list[str]:
+    """Name each row's cell, "type/object/axis"."""
+    columns = request.grasp_type.tolist(), request.object_label.tolist(), request.side_axis.tolist()
+    return ["/".join(row) for row in zip(*columns, strict=True)]
+
+
+def _levels(key: str) -> tuple[str, str, str]:
+    """Widen a cell: "type/object/axis", "type/object", "type"."""
+    kind, label, _ = key.split("/")
+    return key, f"{kind}/{label}", kind
 
 
 def _best(offset: Array, success: NDArray[np.bool_]) -> float:

@@ -7,11 +7,11 @@ from importlib.util import find_spec
 from ..errors import InputError
 
 
-def need(package: str) -> None:
-    """Check that a package of the `train` extra is installed.
+def need(package: str, extra: str = "train") -> None:
+    """Check that a package of an extra is installed.
 
     Raises:
         InputError: it is not.
     """
     if find_spec(package) is None:
-        raise InputError(f"this needs {package}: pip install 'graspcascade[train]'")
+        raise InputError(f"this needs {package}: pip install 'graspcascade[{extra}]'")

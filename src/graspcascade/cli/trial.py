@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 
 from ..errors import InputError
 from ..evaluation import wilson
-from ..formats import load_document, write_staged
+from ..formats import load_executable, write_staged
 from ..grasps import Grasps
 from ..hands import SHADOW_HAND
 from ..trials import TOUCH_COLUMNS, VERDICTS, Outcomes, protocol, run
@@ -41,13 +41,8 @@ class Trial:
         chosen = protocol(self.protocol)
         if self.out is not None and self.out.suffix.lower() != ".json":
             raise InputError(f"a trial report is a .json file, got {self.out.name!r}")
-        document = load_document(self.grasps, trust_pickle=self.trust_pickle)
+        document = load_executable(self.grasps, SHADOW_HAND, trust_pickle=self.trust_pickle)
         grasps = document.grasps
-        if not len(grasps):
-            raise InputError(f"{self.grasps} holds no grasps")
-        missing = [name for name in SHADOW_HAND.joint_names if name not in grasps.joint_names]
-        if missing:
-            raise InputError(f"{self.grasps} lacks joints of {SHADOW_HAND.name}: {', '.join(missing)}")
         with bar("trials", len(grasps)) as progress:
             outcomes = run(grasps, chosen, n_threads=self.threads, progress=progress.advance)
         report = plain(_report(grasps, outcomes, chosen.name, document.metadata.get("model")))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +12,7 @@ from ..errors import InputError
 from ..objects import grasp_object
 from ..taxonomy import grasp_type
 from .models import load_sampler
+from .needs import need
 
 if TYPE_CHECKING:
     from ..viewer.page import Start
@@ -52,8 +52,7 @@ class View:
 
     def run(self) -> None:
         """Serve until interrupted, or write the page."""
-        if find_spec("viser") is None:
-            raise InputError("this needs viser: pip install 'graspcascade[view]'")
+        need("viser", extra="view")
         if self.html is not None and self.html.suffix.lower() not in (".html", ".htm"):
             raise InputError(f"a standalone page is an .html file, got {self.html.name!r}")
         if self.html is not None and not self.html.parent.is_dir():

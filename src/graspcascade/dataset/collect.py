@@ -21,7 +21,14 @@ from ..postures import PosturePrior
 from ..taxonomy import GRASP_TYPES
 from ..trials import PAPER, Protocol, run
 from .schema import SCHEMA_VERSION, to_columns
-from .shards import METADATA_FILE, read_metadata, shard_path, write_metadata, write_shard
+from .shards import (
+    METADATA_FILE,
+    read_metadata,
+    refuse_other_arguments,
+    shard_path,
+    write_metadata,
+    write_shard,
+)
 
 CELLS: tuple[tuple[str, str], ...] = tuple((label, name) for label in CATALOGUE for name in GRASP_TYPES)
 """Every (object label, grasp type), the unit that collection fills evenly."""
@@ -170,12 +177,7 @@ def _open(
     }
     if (folder / METADATA_FILE).exists():
         found = read_metadata(folder)
-        differing = [key for key, value in identity.items() if found.get(key) != value]
-        if differing:
-            raise InputError(
-                f"{folder} holds a collection with another {', '.join(differing)}; "
-                "give the same arguments to go on with it, or another folder"
-            )
+        refuse_other_arguments(folder, "a collection", found, identity)
         # More may be asked of a finished collection: rows so far stay what they are.
         return found | {"collection": asdict(spec)}
     if folder.exists() and any(folder.iterdir()):

@@ -86,6 +86,26 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     return dict(metadata)
 
 
+def refuse_other_arguments(folder: Path, what: str, found: dict[str, Any], asked: dict[str, Any]) -> None:
+    """Check that a folder's metadata belongs to the arguments it is to be resumed with.
+
+    Args:
+        folder: named in the message.
+        what: what the folder holds, in words.
+        found: its metadata.
+        asked: the entries that must be there just so.
+
+    Raises:
+        InputError: an entry differs.
+    """
+    differing = [key for key, value in asked.items() if found.get(key) != value]
+    if differing:
+        raise InputError(
+            f"{folder} holds {what} with another {', '.join(differing)}; "
+            "give the same arguments to go on with it, or another folder"
+        )
+
+
 def read_shard(path: Path, columns: Iterable[str] | None = None) -> Columns:
     """Read a shard's columns.
 

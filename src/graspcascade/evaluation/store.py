@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..dataset.schema import SCHEMA_VERSION, to_columns
-from ..dataset.shards import METADATA_FILE, read_metadata, shard_path, write_metadata, write_shard
+from ..dataset.shards import (
+    METADATA_FILE,
+    read_metadata,
+    refuse_other_arguments,
+    shard_path,
+    write_metadata,
+    write_shard,
+)
 from ..errors import FileFormatError, InputError
 from ..grasps import Grasps
 from ..trials import VERDICTS, Outcomes
@@ -67,12 +74,7 @@ class RoundStore:
     @classmethod
     def _resume(cls, folder: Path, fresh: dict[str, Any], n_cells: int) -> RoundStore:
         metadata = read_metadata(folder)
-        differing = [key for key, value in fresh.items() if metadata.get(key) != value]
-        if differing:
-            raise InputError(
-                f"{folder} holds something with another {', '.join(differing)}; "
-                "give the same arguments to go on with it, or another folder"
-            )
+        refuse_other_arguments(folder, "something", metadata, fresh)
         try:
             counts = [np.array(found["counts"], dtype=np.int64) for found in metadata["rounds"]]
             if any(found.shape != (n_cells, len(VERDICTS) + 1) for found in counts):

@@ -8,6 +8,7 @@ from typing import Any
 
 from ..errors import FileFormatError, InputError
 from ..grasps import Grasps
+from ..hands import HandDescription
 from ..poses import Pose
 from .document import SCHEMA_VERSION, GraspDocument
 from .native_json import document_to_json
@@ -27,6 +28,7 @@ __all__ = [
     "document_to_json",
     "held_rates",
     "load_document",
+    "load_executable",
     "load_grasps",
     "save_grasps",
     "write_staged",
@@ -104,6 +106,21 @@ def load_document(
         return chosen.read(path, Assumptions() if assume is None else assume)
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
+
+
+def load_executable(path: Path | str, hand: HandDescription, *, trust_pickle: bool = False) -> GraspDocument:
+    """Read a file of grasps that a hand is to execute; see `load_document`.
+
+    Raises:
+        InputError: it holds no grasps or lacks joints of the hand.
+    """
+    document = load_document(path, trust_pickle=trust_pickle)
+    if not len(document.grasps):
+        raise InputError(f"{path} holds no grasps")
+    missing = [name for name in hand.joint_names if name not in document.grasps.joint_names]
+    if missing:
+        raise InputError(f"{path} lacks joints of {hand.name}: {', '.join(missing)}")
+    return document
 
 
 def check_target(path: Path | str, format: str | None = None) -> None:

@@ -171,7 +171,7 @@ class _Runner:
         while (active := np.flatnonzero(self.trial >= 0)).size:
             self._advance(active)
             if self.observe is not None:
-                self._show(active)
+                self._show(self.observe, active)
             decided = self._judge(active)
             if decided.size:
                 if progress is not None:
@@ -245,11 +245,10 @@ class _Runner:
         if entering.size:
             self.gravity[entering] = self.protocol.gravity[-1]
 
-    def _show(self, active: NDArray[Any]) -> None:
+    def _show(self, observe: Observer, active: NDArray[Any]) -> None:
         start = self.scene.object_qpos
         posture = self.qpos[active][:, self.scene.joint_qpos][:, self.to_grasps]
-        assert self.observe is not None
-        self.observe(self.trial[active], self.step[active], posture, self.qpos[active, start : start + 7])
+        observe(self.trial[active], self.step[active], posture, self.qpos[active, start : start + 7])
 
     def _judge(self, active: NDArray[Any]) -> NDArray[Any]:
         """Decide what can be decided; return the slots that became free."""

@@ -12,7 +12,7 @@ import numpy as np
 from ..cascade import GraspSampler
 from ..errors import InputError, unknown
 from ..evaluation import Interval, wilson
-from ..formats import load_document
+from ..formats import load_executable
 from ..grasps import Grasps
 from ..hands import HandModel
 from ..objects import grasp_object
@@ -107,13 +107,8 @@ def file_batch(path: Path, hand: HandModel, trust_pickle: bool = False) -> Batch
     Raises:
         InputError: it cannot be read, holds no grasps or lacks joints of the hand.
     """
-    document = load_document(path, trust_pickle=trust_pickle)
+    document = load_executable(path, hand.description, trust_pickle=trust_pickle)
     grasps = document.grasps
-    if not len(grasps):
-        raise InputError(f"{path} holds no grasps")
-    missing = [name for name in hand.joint_names if name not in grasps.joint_names]
-    if missing:
-        raise InputError(f"{path} lacks joints of {hand.description.name}: {', '.join(missing)}")
     order = [grasps.joint_names.index(name) for name in hand.joint_names]
     ordered = replace(
         grasps, joint_names=hand.joint_names, posture=grasps.posture[:, order], pregrasp=grasps.pregrasp[:, order]
