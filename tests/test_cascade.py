@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from graspcascade.candidates import candidates, draw_sides, opposition_points
 from graspcascade.cascade import FACTORIZATIONS, GraspSampler, factorization
-from graspcascade.cascade.encoding import Request
+from graspcascade.cascade.encoding import Request, condition, condition_matrix, encode_request, shared_quantities
 from graspcascade.cascade.fit import CascadeTraining, FittedCascade, fit_cascade, prepare
 from graspcascade.cascade.frames import fold_rotations, learning_frame
 from graspcascade.cascade.sizes import SizeRule
@@ -64,7 +64,7 @@ def dataset() -> Dataset:
 
 @pytest.fixture(scope="module")
 def fitted(dataset: Dataset) -> FittedCascade:
-    return fit_cascade(HAND, dataset, FACTORIZATIONS["model3"], TINY)
+    return fit_cascade(HAND, dataset, FACTORIZATIONS["model3"], TINY, workers=1)
 
 
 # -- stages as data
@@ -97,7 +97,8 @@ def test_table_three_lists_the_papers_conditions() -> None:
 @pytest.mark.parametrize("name", FACTORIZATIONS)
 def test_every_factorization_can_be_trained_and_sampled_by_the_one_loop(name: str, dataset: Dataset) -> None:
     one_epoch = dataclasses.replace(TINY.training, epochs=1)
-    sampler = fit_cascade(HAND, dataset, FACTORIZATIONS[name], dataclasses.replace(TINY, training=one_epoch)).sampler
+    config = dataclasses.replace(TINY, training=one_epoch)
+    sampler = fit_cascade(HAND, dataset, FACTORIZATIONS[name], config, workers=1).sampler
     grasps = sampler.sample("tripod", "box_medium", "x", n=3)
     assert len(grasps) == 3
     assert np.isfinite(grasps.posture).all()
@@ -217,7 +218,7 @@ def test_too_few_successes_are_refused(dataset: Dataset) -> None:
 
 
 def test_the_same_seed_trains_the_same_cascade(dataset: Dataset, fitted: FittedCascade) -> None:
-    again = fit_cascade(HAND, dataset, FACTORIZATIONS["model3"], TINY)
+    again = fit_cascade(HAND, dataset, FACTORIZATIONS["model3"], TINY, workers=1)
     for stage, decoder in fitted.sampler.decoders.items():
         for name, array in decoder.arrays().items():
             assert np.array_equal(array, again.sampler.decoders[stage].arrays()[name])
@@ -240,6 +241,43 @@ def test_samples_are_valid_grasps(fitted: FittedCascade) -> None:
     np.testing.assert_allclose(np.linalg.norm(grasps.X_hand_object.quat_wxyz, axis=1), 1.0)
     assert set(grasps.side_axis) <= set(CATALOGUE["cylinder_small"].graspable_sides_m)
     np.testing.assert_allclose(grasps.grasp_size_m, HAND.grasp_size(grasps.posture))
+
+
+def test_rows_asked_together_are_sampled_as_rows_asked_alone(fitted: FittedCascade) -> None:
+    # A stage whose conditions all rows share takes a shorter way through its first layer.
+    sampler = dataclasses.replace(fitted.sampler, size_mode="paper")
+    draws = np.random.default_rng(5).bit_generator.state
+
+    def drawn(types: list[str], labels: list[str], axes: list[str]) -> Grasps:
+        rng = np.random.default_rng()
+        rng.bit_generator.state = draws
+        return sampler.sample_rows(types, labels, axes, rng)
+
+    alike = drawn(["tripod"] * 8, ["box_small"] * 8, ["x"] * 8)
+    mixed = drawn(["tripod"] * 7 + ["tip_pinch"], ["box_small"] * 7 + ["cylinder_small"], ["x"] * 7 + ["z"])
+    np.testing.assert_allclose(alike.posture[:7], mixed.posture[:7], atol=1e-5)
+    np.testing.assert_allclose(alike.X_hand_object.position_m[:7], mixed.X_hand_object.position_m[:7], atol=1e-6)
+    assert mixed.side_m.tolist() == [0.02] * 7 + [0.05]
+    assert len(drawn([], [], [])) == 0
+    with pytest.raises(InputError, match="side axis"):
+        drawn(["tripod"], ["sphere_small"], ["y"])
+
+
+def test_quantities_are_shared_when_their_columns_are() -> None:
+    rng = np.random.default_rng(0)
+    for types, labels, axes in (("ab", "a", "xz"), ("a", "a", "x"), ("a", "ab", "x"), ("a", "a", "xz")):
+        n = 12
+        names = [rng.choice(list(GRASP_TYPES)[: len(types)], n), rng.choice(list(CATALOGUE)[: len(labels)], n)]
+        chosen = rng.choice(list(axes), n)
+        sides = np.array([grasp_object(str(o)).sides_m[str(a)] for o, a in zip(names[1], chosen, strict=True)])
+        request = Request(names[0], names[1], chosen, sides, sides - 0.005, sides + 0.01)
+        columns = encode_request(request)
+        assert shared_quantities(request) == {name for name, value in columns.items() if (value == value[0]).all()}
+        stage = FACTORIZATIONS["model3"].stages[0]
+        given_here = condition(stage, columns, shared_quantities(request))
+        whole = condition_matrix(stage, columns)
+        np.testing.assert_array_equal(whole[:, ~given_here.shared], given_here.by_row)
+        np.testing.assert_array_equal(whole[:, given_here.shared], np.tile(given_here.shared_values, (n, 1)))
 
 
 def test_the_hand_pose_keeps_the_relative_pose(fitted: FittedCascade) -> None:

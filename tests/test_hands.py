@@ -17,6 +17,7 @@ from hypothesis.extra import numpy as hnp
 
 from graspcascade.errors import InputError
 from graspcascade.hands import SHADOW_HAND, HandModel, Kinematics, load_hand, load_spec, shadow_hand
+from graspcascade.hands.kinematics import Link
 from graspcascade.poses import quat_to_matrix
 from graspcascade.taxonomy import DIGITS, GRASP_TYPES
 
@@ -425,3 +426,32 @@ def test_rounded_tips_end_where_the_meshes_end(mesh_hand: HandModel, model: Any,
         outside = [signed_distance(model, body, np.array(centre) + r * outward) > 0 for r in reach]
         surface = np.array(centre) + reach[int(np.argmax(outside))] * outward
         assert distance_to_triangles(surface, triangles) < 0.001, np.degrees(tilt)
+
+
+def test_a_closure_is_the_opposition_and_the_grasp_size_of_each_row(
+    hand: HandModel, reference_posture: np.ndarray
+) -> None:
+    executed, kinds = hand.executed(reference_posture), list(GRASP_TYPES.values())
+    of_row = np.arange(len(executed)) % len(kinds)
+    closure = hand.closure(executed, kinds, of_row)
+    np.testing.assert_allclose(closure.grasp_size_m, hand.grasp_size(executed), rtol=0, atol=1e-15)
+    for number, kind in enumerate(kinds):
+        rows = of_row == number
+        thumb, other = hand.opposition(executed[rows], kind)
+        np.testing.assert_allclose(closure.thumb_m[rows], thumb, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(closure.other_m[rows], other, rtol=0, atol=1e-15)
+
+
+def test_a_hinge_about_a_slanted_axis_turns_as_rodrigues_says() -> None:
+    axis = np.array([2.0, -3.0, 6.0]) / 7
+    slanted = Link("link", "root", (0.1, 0.0, 0.2), tuple(map(tuple, np.eye(3)[[1, 2, 0]])), "hinge", tuple(axis))
+    tree = Kinematics((Link("root", None, (0.0, 0.0, 0.0), tuple(map(tuple, np.eye(3)))), slanted))
+    angles = np.array([-2.0, 0.0, 0.7])
+    found, origin = tree.frames({"hinge": angles})["link"]
+    expected = np.eye(3)[[1, 2, 0]] @ quat_to_matrix(
+        np.concatenate([np.cos(angles / 2)[:, None], np.sin(angles / 2)[:, None] * axis], axis=1)
+    )
+    np.testing.assert_allclose(found, expected, atol=1e-15)
+    np.testing.assert_array_equal(origin, np.tile([0.1, 0.0, 0.2], (3, 1)))
+    point = tree.points({"hinge": angles}, {"tip": ("link", (0.0, 0.3, -0.1))})["tip"]
+    np.testing.assert_allclose(point, origin + expected @ [0.0, 0.3, -0.1], atol=1e-15)

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from safetensors.numpy import save_file
 
 from graspcascade.errors import FileFormatError, InputError
@@ -48,6 +50,33 @@ def test_concentration_agrees_with_torch_grows_and_stays_in_bounds() -> None:
     assert (np.diff(kappa) >= 0).all()
     assert kappa[0] > 0
     assert kappa[-1] < 1.001e4
+
+
+def test_a_batch_of_any_length_decodes_as_its_rows() -> None:
+    _, decoder = make_model()
+    rng = np.random.default_rng(2)
+    z, c = rng.standard_normal((1300, 4)).astype(np.float32), rng.standard_normal((1300, 6))
+    rows = np.concatenate([decoder.decode(z[i : i + 50], c[i : i + 50]) for i in range(0, 1300, 50)])
+    np.testing.assert_allclose(decoder.decode(z, c), rows, atol=1e-5)
+
+
+@given(st.lists(st.booleans(), min_size=6, max_size=6))
+def test_fixing_conditions_is_the_same_as_repeating_them(flags: list[bool]) -> None:
+    _, decoder = make_model()
+    rng, fixed = np.random.default_rng(4), np.array(flags)
+    z, c = rng.standard_normal((30, 4)).astype(np.float32), rng.standard_normal((30, 6)) * 3
+    c[:, fixed] = c[0, fixed]
+    rest = decoder.fixing(fixed, c[0, fixed])
+    assert rest.spec.condition_dim == 6 - sum(flags)
+    np.testing.assert_allclose(rest.decode(z, c[:, ~fixed]), decoder.decode(z, c), atol=1e-5)
+
+
+def test_conditions_that_do_not_fit_cannot_be_fixed() -> None:
+    decoder = make_model()[1]
+    with pytest.raises(InputError, match=r"\(6,\) flags"):
+        decoder.fixing(np.ones(5, dtype=bool), np.ones(5))
+    with pytest.raises(InputError, match=r"values \(3,\)"):
+        decoder.fixing(np.arange(6) < 2, np.ones(3))
 
 
 def test_samples_repeat_with_the_generator_and_mean_mode_draws_no_rotation() -> None:

@@ -23,8 +23,11 @@ def canonical_quat(quat_wxyz: ArrayLike) -> Array:
         quat_wxyz: ``(..., 4)``, any non-zero norm.
     """
     quat = np.asarray(quat_wxyz, dtype=np.float64)
-    quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
-    first = np.take_along_axis(quat, np.argmax(np.abs(quat) > 1e-12, axis=-1)[..., None], axis=-1)
+    w, x, y, z = np.moveaxis(quat, -1, 0)
+    quat = quat / np.sqrt(w * w + x * x + y * y + z * z)[..., None]
+    first = quat[..., :1]
+    if (np.abs(first) <= 1e-12).any():
+        first = np.take_along_axis(quat, np.argmax(np.abs(quat) > 1e-12, axis=-1)[..., None], axis=-1)
     quat = np.asarray(np.where(first < 0, -quat, quat), dtype=np.float64)
     # At a half-turn w is rounding noise and another component decides the sign: drop the noise below zero.
     quat[..., 0] = np.maximum(quat[..., 0], 0.0)

@@ -28,6 +28,11 @@ def learning_frame(thumb: Array, other: Array, frame: Frame) -> Pose:
     return Pose((thumb + other) / 2, _frame_quat(other - thumb))
 
 
+def in_hand(pose: Pose, thumb: Array, other: Array, frame: Frame) -> Pose:
+    """Bring poses from the learning frame into the hand frame (see `learning_frame`)."""
+    return pose if frame == "hand" else learning_frame(thumb, other, frame) @ pose
+
+
 def _frame_quat(x_axis: Array) -> Array:
     x = x_axis / np.linalg.norm(x_axis, axis=-1, keepdims=True)
     lateral = np.array([1.0, 0.0, 0.0])

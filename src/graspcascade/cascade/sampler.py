@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -12,18 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..candidates import draw_sides, opposition_points
+from ..candidates import draw_sides
 from ..errors import FileFormatError, InputError, unknown
 from ..grasps import Grasps
 from ..hands import HandModel, hand_from_json, hand_to_json
+from ..hands.model import Closure
 from ..nets import NumpyDecoder, load_decoders, save_decoders
 from ..objects import grasp_object
 from ..poses import Pose, canonical_quat
 from ..taxonomy import grasp_type
-from .encoding import Request, condition_matrix, encode_posture, encode_request, split_targets
-from .frames import learning_frame
+from .encoding import Request, condition, encode_posture, encode_request, shared_quantities, split_targets
+from .frames import in_hand
 from .sizes import SizeMode, SizeRule
-from .stages import Factorization, factorization_from_json
+from .stages import Factorization, Quantity, Target, factorization_from_json
+
+Array = NDArray[np.float64]
 
 WEIGHTS_FILE = "cascade.safetensors"
 EVALUATION_FILE = "evaluation.json"
@@ -151,35 +154,41 @@ class GraspSampler:
     ) -> Grasps:
         """Draw one grasp for each row of types, objects and (canonical) side axes."""
         request = self._request(grasp_types, object_labels, side_axes, rng)
-        quantities: dict[Any, NDArray[np.float64]] = dict(encode_request(request))
-        found: dict[Any, NDArray[np.float64]] = {}
+        quantities: dict[Quantity, Array] = dict(encode_request(request))
+        shared = shared_quantities(request)
+        found: dict[Target, Array] = {}
         for stage in self.factorization.stages:
-            values = self.decoders[stage.name].sample(condition_matrix(stage, quantities), rng)
-            found |= split_targets(stage, values, len(self.hand.joint_names))
+            given = condition(stage, quantities, shared)
+            decoder = self.decoders[stage.name].fixing(given.shared, given.shared_values)
+            found |= split_targets(stage, decoder.sample(given.by_row, rng), len(self.hand.joint_names))
             if "posture" in stage.targets:
-                found["posture"] = self.hand.executed(found["posture"])
-                thumb, other = opposition_points(self.hand, found["posture"], request.grasp_type)
-                quantities["posture"] = encode_posture(found["posture"], thumb, other)
+                posture = self.hand.executed(found["posture"])
+                closure = self._closure(request, posture)
+                quantities["posture"] = encode_posture(posture, closure.thumb_m, closure.other_m)
             if "position" in stage.targets:
                 quantities["position"] = found["position"]
-        frame = learning_frame(thumb, other, self.factorization.frame)
-        return self._grasps(
-            request, found["posture"], frame @ Pose(found["position"], canonical_quat(found["rotation"]))
-        )
+        pose = Pose(found["position"], canonical_quat(found["rotation"]))
+        X_hand_object = in_hand(pose, closure.thumb_m, closure.other_m, self.factorization.frame)
+        return self._grasps(request, posture, closure.grasp_size_m, X_hand_object)
 
     def _request(
         self, grasp_types: ArrayLike, object_labels: ArrayLike, side_axes: ArrayLike, rng: np.random.Generator
     ) -> Request:
         types, labels, axes = (np.asarray(v, dtype=str) for v in (grasp_types, object_labels, side_axes))
-        sides = np.empty(len(types))
-        for label in np.unique(labels):
-            for axis, side in grasp_object(str(label)).sides_m.items():
-                sides[(labels == label) & (axes == axis)] = side
-        unsized = Request(types, labels, axes, sides, np.full(len(sides), np.nan), np.full(len(sides), np.nan))
-        grasp_size, object_size = self.sizes.apply(unsized, self.size_mode, rng)
-        return replace(unsized, grasp_size_m=grasp_size, object_size_m=object_size)
+        request = Request(types, labels, axes, *np.empty((3, len(types))))
+        sides = [_side_m(label, axis) for _, label, axis in request.cells.names.tolist()]
+        request.side_m[:] = np.array(sides)[request.cells.of_row]
+        request.grasp_size_m[:], request.object_size_m[:] = self.sizes.apply(request, self.size_mode, rng)
+        return request
 
-    def _grasps(self, request: Request, posture: NDArray[np.float64], X_hand_object: Pose) -> Grasps:
+    def _closure(self, request: Request, posture: Array) -> Closure:
+        cells = request.cells
+        names = cells.names[:, 0].tolist()
+        distinct = sorted(set(names))
+        of_cell = np.array([distinct.index(name) for name in names], dtype=np.intp)
+        return self.hand.closure(posture, [grasp_type(name) for name in distinct], of_cell[cells.of_row])
+
+    def _grasps(self, request: Request, posture: Array, grasp_size_m: Array, X_hand_object: Pose) -> Grasps:
         return Grasps(
             joint_names=self.hand.joint_names,
             grasp_type=request.grasp_type,
@@ -189,7 +198,7 @@ class GraspSampler:
             posture=posture,
             pregrasp=np.broadcast_to(self.hand.pregrasp, posture.shape).copy(),
             X_hand_object=X_hand_object,
-            grasp_size_m=self.hand.grasp_size(posture),
+            grasp_size_m=grasp_size_m,
             object_size_m=request.object_size_m,
             probability=np.full(len(posture), np.nan),
         )
@@ -197,6 +206,13 @@ class GraspSampler:
 
 DEFAULT = "model3"
 """The shipped cascade that `GraspSampler.pretrained()` loads."""
+
+
+def _side_m(object_label: str, axis: str) -> float:
+    sides = grasp_object(object_label).sides_m
+    if axis not in sides:
+        raise unknown("side axis", axis, sides)
+    return sides[axis]
 
 
 def _measured(path: Path) -> dict[str, dict[str, Any]]:

@@ -52,7 +52,8 @@ class SizeRule:
         """
         grasp, obj = request.grasp_size_m - request.side_m, request.object_size_m - request.side_m
         rule = cls({}, {}, {})
-        levels = [_levels(key) for key in _keys(request)]
+        cells = request.cells
+        levels = [_levels("/".join(cells.names[place].tolist())) for place in cells.of_row]
         for level in map(np.array, zip(*levels, strict=True)):
             for key in np.unique(level):
                 rows = level == key
@@ -81,19 +82,18 @@ class SizeRule:
         share = rng.uniform(size=len(request.side_m))
         if mode == "paper":
             return request.side_m + PAPER_GRASP_OFFSET_M, request.side_m + PAPER_OBJECT_OFFSET_M
-        grasp, obj = np.empty_like(request.side_m), np.empty_like(request.side_m)
-        keys, row_key = np.unique(np.array(_keys(request)), return_inverse=True)
-        for place, key in enumerate(map(str, keys)):
-            rows = row_key == place
-            found = self._finest(key)
-            if mode == "best":
-                offset: Array | float = self.best_offset_m[found]
-            else:
-                at = share[rows] if mode == "drawn" else 0.5
-                offset = np.interp(at, _KNOTS, self.grasp_offsets_m[found])
-            grasp[rows] = request.side_m[rows] + offset
-            obj[rows] = request.side_m[rows] + self.object_offset_m[found]
-        return grasp, obj
+        cells = request.cells
+        found = [self._finest("/".join(names)) for names in cells.names.tolist()]
+        object_offset = np.array([self.object_offset_m[key] for key in found])[cells.of_row]
+        if mode == "best":
+            grasp_offset = np.array([self.best_offset_m[key] for key in found])[cells.of_row]
+        else:
+            at = share if mode == "drawn" else np.full_like(share, 0.5)
+            grasp_offset = np.empty_like(share)
+            for place, key in enumerate(found):
+                rows = cells.of_row == place
+                grasp_offset[rows] = np.interp(at[rows], _KNOTS, self.grasp_offsets_m[key])
+        return request.side_m + grasp_offset, request.side_m + object_offset
 
     def _finest(self, key: str) -> str:
         levels = _levels(key)
@@ -109,12 +109,6 @@ class SizeRule:
             "grasp_offsets_m": self.grasp_offsets_m,
             "object_offset_m": self.object_offset_m,
         }
-
-
-def _keys(request: Request) -> list[str]:
-    """Name each row's cell, "type/object/axis"."""
-    columns = request.grasp_type.tolist(), request.object_label.tolist(), request.side_axis.tolist()
-    return ["/".join(row) for row in zip(*columns, strict=True)]
 
 
 def _levels(key: str) -> tuple[str, str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -33,6 +34,21 @@ class PlacePoints:
 
 
 @dataclass(frozen=True)
+class Closure:
+    """Hold between what n executed postures close.
+
+    Attributes:
+        thumb_m: ``(n, 3)`` the thumb's opposing place, metres in the hand frame.
+        other_m: ``(n, 3)`` the place it opposes.
+        grasp_size_m: ``(n,)`` thumb tip to index tip, metres.
+    """
+
+    thumb_m: Array
+    other_m: Array
+    grasp_size_m: Array
+
+
+@dataclass(frozen=True)
 class HandModel:
     """Answer geometric questions about a hand; all postures are ``(n, J)`` radians in the order of `joint_names`.
 
@@ -61,9 +77,9 @@ class HandModel:
         return np.array([self.description.pregrasp_rad.get(name, 0.0) for name in self.joint_names])
 
     @cached_property
-    def _coupled_columns(self) -> NDArray[np.int64]:
-        pairs = self.description.coupled.values()
-        return np.array([[self.joint_names.index(name) for name in pair] for pair in pairs])
+    def _coupled_columns(self) -> list[tuple[int, int]]:
+        place = self.joint_names.index
+        return [(place(one), place(other)) for one, other in self.description.coupled.values()]
 
     def clip(self, posture: ArrayLike) -> Array:
         """Bring angles inside the joint limits."""
@@ -80,17 +96,22 @@ class HandModel:
     def share(self, posture: ArrayLike) -> Array:
         """Share the sum of each tendon's two joints equally between them, whatever the limits."""
         posture = np.array(posture, dtype=np.float64)
-        if len(self._coupled_columns):
-            shared = posture[..., self._coupled_columns].mean(axis=-1, keepdims=True)
-            posture[..., self._coupled_columns] = shared
+        for one, other in self._coupled_columns:
+            shared = (posture[..., one] + posture[..., other]) / 2
+            posture[..., one] = shared
+            posture[..., other] = shared
         return posture
 
     def frames(self, posture: ArrayLike, bodies: list[str] | None = None) -> dict[str, tuple[Array, Array]]:
         """Compute body frames in the hand frame: ``(n, 3, 3)`` rotations and ``(n, 3)`` origins by body name."""
+        return self.kinematics.frames(self._angles(posture), bodies)
+
+    def _angles(self, posture: ArrayLike) -> dict[str, Array]:
+        """Give the angles ``(n,)`` by joint name, or refuse a posture of another width."""
         posture = np.atleast_2d(np.asarray(posture, dtype=np.float64))
         if posture.shape[1] != len(self.joint_names):
             raise InputError(f"a posture of this hand has {len(self.joint_names)} joints, got {posture.shape[1]}")
-        return self.kinematics.frames(dict(zip(self.joint_names, posture.T, strict=True)), bodies)
+        return dict(zip(self.joint_names, posture.T, strict=True))
 
     def places(self, posture: ArrayLike, names: list[str]) -> dict[str, PlacePoints]:
         """Locate contact places by name, without the tendon's sharing (see `executed`)."""
@@ -126,6 +147,25 @@ class HandModel:
         thumb, other = kind.opposition
         found = self.places(self.executed(posture), [thumb, other])
         return found[thumb].point_m, found[other].point_m
+
+    def closure(self, executed: ArrayLike, kinds: Sequence[GraspType], kind_of_row: NDArray[np.intp]) -> Closure:
+        """Locate opposition pairs and measure grasp sizes, as `opposition` and `grasp_size` do, in one pass.
+
+        Args:
+            executed: ``(n, J)`` postures as `executed` gives them.
+            kinds: the distinct types.
+            kind_of_row: ``(n,)`` place in `kinds` of each row's type.
+        """
+        spots = {digit: self.description.tips[digit] for digit in ("thumb", "index")}
+        for place in {name for kind in kinds for name in kind.opposition}:
+            spots[place] = (self.description.places[place].body, self.description.places[place].point_m)
+        found = self.kinematics.points(self._angles(executed), spots)
+        thumb, other = np.zeros((2, len(kind_of_row), 3))
+        for number, kind in enumerate(kinds):
+            rows = np.True_ if len(kinds) == 1 else (kind_of_row == number)[:, None]
+            for points, name in zip((thumb, other), kind.opposition, strict=True):
+                np.copyto(points, found[name], where=rows)
+        return Closure(thumb, other, np.linalg.norm(found["thumb"] - found["index"], axis=-1))
 
 
 def load_spec(description: HandDescription) -> Any:

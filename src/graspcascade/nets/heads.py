@@ -93,5 +93,6 @@ def concentration(raw: ArrayLike) -> Array:
 def normalised(vectors: ArrayLike) -> Array:
     """Scale ``(n, 4)`` vectors to unit length."""
     vectors = np.asarray(vectors, dtype=np.float64)
-    unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    norm = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
+    unit: Array = vectors / np.maximum(norm, 1e-12)
     return unit

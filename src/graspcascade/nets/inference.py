@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal, get_args
 
@@ -17,6 +17,10 @@ from .heads import HeadSpec, concentration, normalised
 from .specs import VaeSpec
 
 Mode = Literal["sample", "mean"]
+
+_BLOCK = 512
+"""Fewest rows to take through the layers at a time: the hidden units of as many stay in cache, and the matrix products
+of fewer may round otherwise than those of all rows at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +84,59 @@ class NumpyDecoder:
             raise InputError(f"z must have shape (n, {self.spec.latent_dim}), got {z.shape}")
         if c.shape != (len(z), self.spec.condition_dim):
             raise InputError(f"c must have shape ({len(z)}, {self.spec.condition_dim}), got {c.shape}")
-        hidden = np.concatenate([z, self.standardisation.standardise_c(c)], axis=1)
-        for layer in self.layers[:-1]:
-            hidden = hidden @ layer.matrix
-            hidden += layer.bias
-            np.maximum(hidden, 0.0, out=hidden)
-        output: Array32 = hidden @ self.layers[-1].matrix
-        output += self.layers[-1].bias
+        inputs = np.concatenate([z, self.standardisation.standardise_c(c)], axis=1)
+        output = np.empty((len(z), self.spec.output_dim), dtype=np.float32)
+        blocks = max(1, len(z) // _BLOCK)
+        # One piece of memory for all hidden units: several would be returned to the system and fetched again by every
+        # call, which costs more than the additions do.
+        room = np.empty((len(z) // blocks + 1) * sum(self.spec.hidden), dtype=np.float32)
+        *inner, last = self.layers
+        for start, end in pairwise(len(z) * number // blocks for number in range(blocks + 1)):
+            hidden, used = inputs[start:end], 0
+            for layer, width in zip(inner, self.spec.hidden, strict=True):
+                size = (end - start) * width
+                space = room[used : used + size].reshape(end - start, width)
+                used += size
+                hidden = np.matmul(hidden, layer.matrix, out=space)
+                hidden += layer.bias
+                np.maximum(hidden, 0.0, out=hidden)
+            np.matmul(hidden, last.matrix, out=output[start:end])
+        output += last.bias
         return output
+
+    def fixing(self, columns: NDArray[np.bool_], values: ArrayLike) -> NumpyDecoder:
+        """Give the decoder of the other conditions where some are the same for all rows.
+
+        Their part of the first layer is then one row vector, added to its bias once instead of computed in every row.
+
+        Args:
+            columns: ``(condition_dim,)`` flags of the columns to fix.
+            values: their values in natural units, ``(k,)`` for k flags set.
+
+        Raises:
+            InputError: a shape does not fit.
+        """
+        values = np.asarray(values)
+        if columns.shape != (self.spec.condition_dim,) or values.shape != (np.count_nonzero(columns),):
+            raise InputError(
+                f"fixing conditions needs ({self.spec.condition_dim},) flags and a value for each that is set, "
+                f"got flags {columns.shape} and values {values.shape}"
+            )
+        scaling, first = self.standardisation, self.layers[0]
+        fixed, free = np.flatnonzero(columns), np.flatnonzero(~columns)
+        standard = ((values - scaling.c_mean[fixed]) / scaling.c_std[fixed]).astype(np.float32)
+        z = self.spec.latent_dim
+        return NumpyDecoder(
+            replace(self.spec, condition_dim=len(free)),
+            replace(scaling, c_mean=scaling.c_mean[free], c_std=scaling.c_std[free]),
+            (
+                Layer(
+                    np.concatenate([first.matrix[:z], first.matrix[z + free]]),
+                    first.bias + standard @ first.matrix[z + fixed],
+                ),
+                *self.layers[1:],
+            ),
+        )
 
     def sample(
         self, c: ArrayLike, rng: np.random.Generator, *, temperature: float = 1.0, mode: Mode = "sample"

@@ -59,7 +59,8 @@ def mean_resultant_length(kappa: ArrayLike) -> Array:
 def sample(mean: ArrayLike, kappa: ArrayLike, rng: np.random.Generator) -> Array:
     """Draw one unit vector per row, exactly, each row with its own mean and concentration.
 
-    Wood, Simulation of the von Mises Fisher distribution (1994), DOI 10.1080/03610919408813161.
+    Rejection from a Gamma envelope, which three normals give together with the tangent direction. Of the proposals
+    56 % are accepted at zero concentration, 98 % at 3 and nearly all at 10 and above.
 
     Args:
         mean: ``(n, 4)`` unit vectors.
@@ -83,33 +84,35 @@ def sample(mean: ArrayLike, kappa: ArrayLike, rng: np.random.Generator) -> Array
 
 def _around_pole(kappa: Array, rng: np.random.Generator) -> Array:
     """Draw ``(n, 4)`` vectors about the pole (1, 0, 0, 0), proposing again for the rejected rows only."""
-    spread = 3.0 / (2.0 * kappa + np.hypot(2.0 * kappa, 3.0))
-    drawn, accepted = _propose(kappa, spread, rng)
+    drawn, accepted = _propose(kappa, rng)
     rows = np.flatnonzero(~accepted)
     while rows.size:
-        again, accepted = _propose(kappa[rows], spread[rows], rng)
+        again, accepted = _propose(kappa[rows], rng)
         drawn[rows[accepted]] = again[accepted]
         rows = rows[~accepted]
     return drawn
 
 
-def _propose(kappa: Array, spread: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-    """Draw from Wood's envelope and say which rows to accept.
+def _propose(kappa: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+    """Draw from the envelope and say which rows to accept.
 
-    The first coordinate of a uniform point of S^3 is Wood's ``2 Z - 1``, Z ~ Beta(3/2, 3/2), and the other three are
-    an independent tangent direction: one uniform point gives the whole proposal. All is written in ``1 - cosine``,
-    which keeps its digits where the cosine rounds to one.
+    The height h = 1 - cosine has density ``exp(-kappa h) sqrt(h (2 - h))`` on [0, 2]. Half the squared length of three
+    normals over the rate ``kappa + e`` has density ``exp(-(kappa + e) h) sqrt(h)``, so the ratio to bound is
+    ``exp(e h) sqrt(1 - h/2)``. Its maximum is ``exp(2 e - 1/2) / sqrt(4 e)``, and the e of most acceptances solves
+    ``e^2 + (kappa - 1) e = kappa / 4``. The tangent direction is that of the normals, and independent of their length.
     """
-    point = rng.standard_normal((len(kappa), 4))
-    point /= np.sqrt(np.einsum("ij,ij->i", point, point))[:, None]
-    near, far = 1.0 + point[:, 0], 1.0 - point[:, 0]
-    scale = 1.0 / (far + spread * near)
-    height = 2.0 * spread * near * scale
-    point *= (2.0 * np.sqrt(spread) * scale)[:, None]
-    point[:, 0] = 1.0 - height
-    top = 2.0 * spread / (1.0 + spread)
-    pole = (1.0 - spread) / (1.0 + spread)
-    log_ratio = kappa * (top - height) + 3.0 * np.log((top + pole * height) / (top * (1.0 + pole)))
+    shifted = kappa - 0.5
+    beyond = 0.375 / (shifted + np.hypot(shifted, np.sqrt(0.75)))  # e - 1/4, in a form that never cancels
+    excess = 0.25 + beyond
+    scale = 1.0 / (kappa + excess)
+    tangent = rng.standard_normal((len(kappa), 3))
+    height = np.einsum("ij,ij->i", tangent, tangent) * (0.5 * scale)
+    # Heights beyond the sphere are never accepted; the floor keeps their logarithm finite.
+    inside = np.maximum(1.0 - 0.5 * height, 1e-300)
+    point = np.empty((len(kappa), 4))
+    np.subtract(1.0, height, out=point[:, 0])
+    np.multiply(tangent, np.sqrt(scale * inside)[:, None], out=point[:, 1:])
+    log_ratio = excess * height + 0.5 * np.log(inside * (1.0 + 4.0 * beyond)) - 2.0 * beyond
     return point, log_ratio >= -rng.standard_exponential(len(kappa))
 
 
