@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from graspcascade.errors import InputError
 from graspcascade.nets import HeadSpec, NumpyDecoder, Standardisation, TrainingSpec, VaeSpec, vmf
@@ -116,6 +118,17 @@ def test_the_metric_term_is_the_squared_length_of_the_mapped_error() -> None:
     torch.testing.assert_close(losses[1].reconstruction - losses[0].reconstruction, expected, rtol=1e-4, atol=1e-5)
 
 
+def test_a_metric_in_natural_units_acts_on_errors_in_natural_units() -> None:
+    spec = VaeSpec(1, (HeadSpec("gaussian", 3), HeadSpec("gaussian", 2)), 2, (8,))
+    model, x, c, metric = ConditionalVae(spec), torch.randn(4, 5), torch.randn(4, 1), torch.randn(4, 7, 3)
+    unit = torch.tensor([0.1, 2.0, 5.0])
+    torch.manual_seed(0)
+    scaled_error = model.loss(x, c, metric, 2.0, unit=unit).total
+    torch.manual_seed(0)
+    scaled_metric = model.loss(x, c, metric * unit, 2.0).total
+    torch.testing.assert_close(scaled_error, scaled_metric)
+
+
 def test_the_same_seed_gives_the_same_weights_and_another_seed_others() -> None:
     x, c = pose_rows()
     training = replace(QUICK, epochs=3)
@@ -158,6 +171,24 @@ def test_progress_reports_every_epoch_and_history_keeps_it() -> None:
     assert seen[-1].learning_rate == pytest.approx(QUICK.final_learning_rate)
 
 
+@given(epochs=st.integers(1, 200), max_steps=st.integers(1, 10_000), batches=st.integers(1, 5_000))
+def test_a_maximum_of_steps_leaves_the_most_whole_passes_that_fit(epochs: int, max_steps: int, batches: int) -> None:
+    passes = TrainingSpec(epochs=epochs, max_steps=max_steps).epochs_of(batches)
+    assert 1 <= passes <= epochs
+    assert passes * batches <= max(max_steps, batches)
+    assert passes == epochs or (passes + 1) * batches > max_steps
+    assert TrainingSpec(epochs=epochs).epochs_of(batches) == epochs
+
+
+def test_a_run_cut_to_a_maximum_of_steps_is_the_shorter_run() -> None:
+    x, c = pose_rows()
+    # 380 of the 400 rows are trained on, in batches of 64: five steps each pass.
+    training = replace(QUICK, batch_size=64, epochs=3)
+    short, cut = fit(POSE, training, x, c), fit(POSE, replace(training, epochs=50, max_steps=19), x, c)
+    assert [record.epochs for record in cut.history] == [3, 3, 3]
+    assert all(np.array_equal(array, cut.weights[name]) for name, array in short.weights.items())
+
+
 def test_without_held_out_rows_there_is_no_validation_loss() -> None:
     x, c = pose_rows()
     assert fit(POSE, replace(QUICK, epochs=1, validation_fraction=0.0), x, c).history[0].validation_loss is None
@@ -187,3 +218,5 @@ def test_specs_out_of_range_are_refused() -> None:
         VaeSpec(3, ())
     with pytest.raises(InputError, match="learning_rate"):
         TrainingSpec(learning_rate=0.0)
+    with pytest.raises(InputError, match="seed must not be negative"):
+        TrainingSpec(seed=-1)

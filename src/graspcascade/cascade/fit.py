@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,7 +20,7 @@ from ..dataset.collect import versions
 from ..errors import InputError
 from ..grasps import Grasps
 from ..hands import HandModel
-from ..nets import EpochRecord, NumpyDecoder, TrainingSpec
+from ..nets import EpochRecord, NumpyDecoder, TrainingSpec, VaeSpec
 from ..postures import contact_metric
 from ..trials import Outcomes
 from .encoding import Request, condition_matrix, encode_posture, encode_request, vae_spec
@@ -24,12 +28,15 @@ from .frames import fold_rotations, learning_frame
 from .sampler import GraspSampler
 from .sizes import SizeRule
 from .stages import Factorization, Stage, Target
+from .workers import run_jobs
 
 if TYPE_CHECKING:
     from ..nets import Fitted
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, EpochRecord], None]
+TRAINING_FILE = "training.json"
+_CURVES = ("epoch", "learning_rate", "train_loss", "train_reconstruction", "train_kl", "validation_loss")
 
 
 @dataclass(frozen=True)
@@ -42,7 +49,9 @@ class CascadeTraining:
     """The object's pose to learn: where the candidate put it, or where closing left it."""
     fingertip_error_m: float = 0.002
     """Error of the contact places that counts as much as one standard deviation of a joint angle."""
-    training: TrainingSpec = field(default_factory=lambda: TrainingSpec(epochs=80, batch_size=1024))
+    training: TrainingSpec = field(
+        default_factory=lambda: TrainingSpec(epochs=80, max_steps=10_000, batch_size=512, learning_rate=4e-3)
+    )
     """The training loop of every stage; its metric weight is set from the fingertip error."""
 
 
@@ -59,8 +68,29 @@ class FittedCascade:
     history: dict[str, tuple[EpochRecord, ...]]
 
     def save(self, folder: Path | str) -> None:
-        """Write weights and metadata to `folder` (see `GraspSampler.save`)."""
+        """Write weights and metadata to `folder` (see `GraspSampler.save`), and the training curves beside them."""
         self.sampler.save(folder)
+        path = Path(folder) / TRAINING_FILE
+        staged = path.with_name(TRAINING_FILE + ".staged")
+        staged.write_text(json.dumps(self.curves(), indent=1) + "\n", encoding="utf-8")
+        staged.replace(path)
+
+    def curves(self) -> dict[str, Any]:
+        """Give the training curves with what they are of: by stage a list for each quantity, one value per epoch."""
+        about = self.sampler.metadata
+        stages = {
+            name: {curve: [getattr(record, curve) for record in records] for curve in _CURVES}
+            for name, records in self.history.items()
+        }
+        return {
+            "factorization": self.sampler.factorization.name,
+            "seed": about["config"]["training"]["seed"],
+            "learned_from": about["learned_from"],
+            "dataset": about["dataset"],
+            "config": about["config"],
+            "versions": about["versions"],
+            "stages": stages,
+        }
 
 
 def fit_cascade(
@@ -69,21 +99,32 @@ def fit_cascade(
     factorization: Factorization,
     config: CascadeTraining | None = None,
     progress: Progress | None = None,
+    workers: int = 0,
 ) -> FittedCascade:
     """Train every stage of a factorization on the successes of a dataset.
 
+    Stages need the data and not each other, so they are trained side by side.
+
+    Args:
+        hand: the hand that the dataset is of.
+        dataset: trials, of which the successes are learned.
+        factorization: the stages.
+        config: what to learn and how long.
+        progress: called in this process after every epoch of every stage.
+        workers: processes to train in, 0 for as many as processors and at most one a stage; 1 trains in this process.
+            The weights are the same bit by bit.
+
     Raises:
-        InputError: the dataset is of another hand or holds too few successes.
+        InputError: the dataset is of another hand or holds too few successes, or `workers` is negative.
+        FloatingPointError: a stage's loss stopped being finite.
     """
     config = config or CascadeTraining()
     if dataset.grasps.joint_names != hand.joint_names:
         raise InputError(f"the dataset's joints are not those of {hand.description.name}")
     material = prepare(hand, dataset, factorization, config)
-    decoders, history = {}, {}
-    for stage in factorization.stages:
-        fitted = _fit_stage(material, stage, config, progress)
-        decoders[stage.name] = NumpyDecoder.from_fitted(fitted)
-        history[stage.name] = fitted.history
+    fitted = _fit_stages(material, factorization, config, progress, workers)
+    decoders = {name: NumpyDecoder.from_fitted(found) for name, found in fitted.items()}
+    history = {name: found.history for name, found in fitted.items()}
     metadata = _metadata(dataset, config, len(material.request.side_m), history)
     return FittedCascade(
         GraspSampler(factorization.name, hand, factorization, decoders, material.sizes, metadata), history
@@ -92,12 +133,15 @@ def fit_cascade(
 
 @dataclass(frozen=True)
 class Material:
-    """Hold what stages are trained on: requests, targets by name, condition columns by quantity, contact metric."""
+    """Hold what stages are trained on: requests, targets by name, condition columns by quantity.
+
+    The contact metric is computed when called: it is far larger than all the rest, and only one stage needs it.
+    """
 
     request: Request
     targets: dict[Target, Array]
     quantities: dict[Any, Array]
-    metric: NDArray[np.float32]
+    metric: Callable[[], NDArray[np.float32]]
     sizes: SizeRule
 
 
@@ -128,7 +172,7 @@ def prepare(hand: HandModel, dataset: Dataset, factorization: Factorization, con
         "position": in_frame.position_m,
         "rotation": rotation,
     }
-    metric = contact_metric(hand, grasps.posture, grasps.grasp_type)
+    metric = partial(contact_metric, hand, grasps.posture, grasps.grasp_type)
     return Material(request, targets, quantities, metric, sizes)
 
 
@@ -143,23 +187,69 @@ def _request(grasps: Grasps, outcomes: Outcomes) -> Request:
     )
 
 
-def _fit_stage(material: Material, stage: Stage, config: CascadeTraining, progress: Progress | None) -> Fitted:
-    # torch is an optional extra: only fitting needs it.
-    from ..nets.training import fit
+@dataclass(frozen=True, eq=False)
+class StageJob:
+    """Hold all that training one stage takes, so that another process can do it.
 
-    condition = condition_matrix(stage, material.quantities)
-    target = np.concatenate([material.targets[name] for name in stage.targets], axis=1).astype(np.float32)
-    spec = vae_spec(stage, material.targets["posture"].shape[1], condition.shape[1])
-    has_posture = stage.targets[0] == "posture"
-    weight = 1.0 / config.fingertip_error_m**2 if has_posture else 0.0
-    return fit(
-        spec,
-        replace(config.training, metric_weight=weight),
-        target,
-        condition,
-        metric=material.metric if has_posture else None,
-        progress=None if progress is None else lambda record: progress(stage.name, record),
-    )
+    Attributes:
+        name: the stage's name.
+        spec: its network.
+        training: its training loop.
+        target: ``(n, spec.target_dim)``.
+        condition: ``(n, spec.condition_dim)``.
+        metric: computes the contact metric that weighs its errors, None without one.
+    """
+
+    name: str
+    spec: VaeSpec
+    training: TrainingSpec
+    target: NDArray[np.float32]
+    condition: NDArray[np.float32]
+    metric: Callable[[], NDArray[np.float32]] | None
+
+    @classmethod
+    def of(cls, material: Material, stage: Stage, config: CascadeTraining) -> StageJob:
+        """Collect what a stage takes."""
+        condition = condition_matrix(stage, material.quantities)
+        target = np.concatenate([material.targets[name] for name in stage.targets], axis=1).astype(np.float32)
+        has_posture = stage.targets[0] == "posture"
+        return cls(
+            stage.name,
+            vae_spec(stage, material.targets["posture"].shape[1], condition.shape[1]),
+            replace(config.training, metric_weight=1.0 / config.fingertip_error_m**2 if has_posture else 0.0),
+            target,
+            condition,
+            material.metric if has_posture else None,
+        )
+
+    @property
+    def cost(self) -> tuple[bool, int]:
+        """Compare with other stages of the same rows: a metric is work before training and in every step."""
+        widths = (self.spec.encoder_widths, self.spec.decoder_widths)
+        return self.metric is not None, sum(a * b for layers in widths for a, b in pairwise(layers))
+
+    def __call__(self, report: Callable[[EpochRecord], None]) -> Fitted:
+        """Train the stage."""
+        # torch is an optional extra: only fitting needs it.
+        from ..nets.training import fit
+
+        metric = None if self.metric is None else self.metric()
+        return fit(self.spec, self.training, self.target, self.condition, metric, report)
+
+
+def _fit_stages(
+    material: Material, factorization: Factorization, config: CascadeTraining, progress: Progress | None, workers: int
+) -> dict[str, Fitted]:
+    """Train the stages, the longest first so that none of the others has to wait for it in the end."""
+    jobs = [StageJob.of(material, stage, config) for stage in factorization.stages]
+    jobs.sort(key=lambda job: job.cost, reverse=True)
+
+    def report(number: int, record: EpochRecord) -> None:
+        if progress is not None:
+            progress(jobs[number].name, record)
+
+    found = dict(zip([job.name for job in jobs], run_jobs(jobs, workers, report), strict=True))
+    return {stage.name: found[stage.name] for stage in factorization.stages}
 
 
 def _metadata(
@@ -171,6 +261,6 @@ def _metadata(
         "learned_from": n,
         "dataset": {key: about.get(key) for key in ("seed", "prior", "hand", "screening")}
         | {"trials": len(dataset.outcomes), "protocol": about["protocol"]["name"]},
-        "versions": versions(),
+        "versions": versions() | {"torch": version("torch")},
         "final_loss": {name: round(records[-1].train_loss, 4) for name, records in history.items()},
     }

@@ -10,7 +10,7 @@ from ..dataset import load_dataset
 from ..errors import InputError
 from ..hands import shadow_hand
 from ..nets import EpochRecord
-from .console import bar, print_json
+from .console import Bar, at_least, bar, print_json
 from .needs import need
 
 
@@ -21,11 +21,13 @@ class Train:
     data: Path
     """Folder of the dataset."""
     out: Path
-    """Folder for the trained cascade; new or empty."""
+    """Folder for the trained cascade and its training curves; new or empty."""
     factorization: str = "model3"
     """Which stages: model1, model2, model3, plain_rotation or variant2 to variant7 of the paper."""
     training: CascadeTraining = field(default_factory=CascadeTraining)
     """What to learn from and how long."""
+    workers: int = 0
+    """Processes to train stages side by side in, 0 for as many as processors; the weights are the same."""
     json: bool = False
     """Print JSON."""
 
@@ -33,17 +35,14 @@ class Train:
         """Train and write."""
         need("pyarrow")
         need("torch")
+        at_least("workers", self.workers, 0)
         chosen = factorization(self.factorization)
         if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
             raise InputError(f"{self.out} is not empty; give a new or empty folder")
         dataset = load_dataset(self.data)
-        with bar("training", len(chosen.stages)) as progress:
-
-            def report(stage: str, record: EpochRecord) -> None:
-                loss = record.train_loss if record.validation_loss is None else record.validation_loss
-                progress.show(record.epoch, record.epochs, f"loss {loss:.3f}", f"training {stage}")
-
-            fitted = fit_cascade(shadow_hand(), dataset, chosen, self.training, report)
+        with bar("training") as progress:
+            epochs = Epochs(progress, len(chosen.stages))
+            fitted = fit_cascade(shadow_hand(), dataset, chosen, self.training, epochs.show, self.workers)
         fitted.save(self.out)
         losses = {name: records[-1].train_loss for name, records in fitted.history.items()}
         if self.json:
@@ -51,3 +50,24 @@ class Train:
         else:
             stages = ", ".join(f"{name} {loss:.3f}" for name, loss in losses.items())
             print(f"{chosen.name} trained on {self.data}, written to {self.out}; final loss: {stages}")
+
+
+class Epochs:
+    """Show the epochs of stages that are trained side by side as one bar, with the loss of those under way."""
+
+    def __init__(self, progress: Bar, n_stages: int) -> None:
+        self._progress, self._n_stages = progress, n_stages
+        self._latest: dict[str, EpochRecord] = {}
+
+    def show(self, stage: str, record: EpochRecord) -> None:
+        """Take one epoch of one stage into account; all stages have as many epochs."""
+        self._latest[stage] = record
+        done = sum(latest.epoch for latest in self._latest.values())
+        # The stage just heard of stays, so that something is shown when it ends.
+        going = [name for name, latest in self._latest.items() if name == stage or latest.epoch < latest.epochs]
+        losses = ", ".join(f"{name} {_loss(self._latest[name]):.3f}" for name in going)
+        self._progress.show(done, self._n_stages * record.epochs, f"loss: {losses}")
+
+
+def _loss(record: EpochRecord) -> float:
+    return record.train_loss if record.validation_loss is None else record.validation_loss

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -106,24 +105,6 @@ def refuse_other_arguments(folder: Path, what: str, found: dict[str, Any], asked
         )
 
 
-def read_shard(path: Path, columns: Iterable[str] | None = None) -> Columns:
-    """Read a shard's columns.
-
-    Raises:
-        FileFormatError: the file is missing, truncated, not Parquet, or lacks a column asked for.
-    """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        # An explicit file, so that folder names are not taken for partition columns.
-        with pq.ParquetFile(path) as file:
-            table = file.read(columns=None if columns is None else list(columns))
-    except (pa.ArrowException, OSError) as error:
-        raise FileFormatError(f"{path} is not a readable Parquet shard: {str(error).splitlines()[0]}") from error
-    return {name: table.column(name).to_numpy() for name in table.column_names}
-
-
 def load_dataset(folder: Path | str) -> Dataset:
     """Load a dataset whole.
 
@@ -143,8 +124,21 @@ def load_dataset(folder: Path | str) -> Dataset:
 
 
 def _read_checked(path: Path, sha256: str) -> Columns:
-    columns = read_shard(path)
+    """Read a shard's columns, the file once for the table and the checksum.
+
+    Raises:
+        FileFormatError: the file is missing, truncated, not Parquet, or not of this checksum.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        content = path.read_bytes()
+        with pq.ParquetFile(pa.BufferReader(content)) as file:
+            table = file.read()
+    except (pa.ArrowException, OSError) as error:
+        raise FileFormatError(f"{path} is not a readable Parquet shard: {str(error).splitlines()[0]}") from error
     # A shard of another collection under this name is readable, yet not what the metadata speaks of.
-    if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+    if hashlib.sha256(content).hexdigest() != sha256:
         raise FileFormatError(f"{path} is not the shard that {METADATA_FILE} lists: its checksum differs")
-    return columns
+    return {name: table.column(name).to_numpy() for name in table.column_names}

@@ -69,7 +69,12 @@ def reconstruction_loss(blocks: Iterable[Block], output: Tensor, x: Tensor) -> T
     return torch.stack([head_loss(block, output, x) for block in blocks]).sum(0)
 
 
-def metric_error(block: Block, metric: Tensor, output: Tensor, x: Tensor) -> Tensor:
-    """Give the squared length per row ``(n,)`` of `metric` ``(n, k, d)`` times the error of a gaussian block."""
+def metric_error(block: Block, metric: Tensor, unit: Tensor | None, output: Tensor, x: Tensor) -> Tensor:
+    """Give the squared length per row ``(n,)`` of `metric` ``(n, k, d)`` times the error of a gaussian block.
+
+    `unit` ``(d,)`` is what a column's error of one is in the units that the metric acts on; 1 where None.
+    """
     error = output[:, block.output] - x[:, block.target]
+    if unit is not None:
+        error = error * unit
     return torch.bmm(metric, error.unsqueeze(-1)).square().sum((1, 2))

@@ -22,14 +22,14 @@ class Rows:
     Attributes:
         x, c: ``(n, target_dim)`` and ``(n, condition_dim)``.
         metric: ``(n, k, d)`` for natural-unit errors of the first head, or None.
-        metric_scale: ``(d,)`` natural units per standardised one. Applied batch by batch: the metrics are by far the
-            largest array, and are held only once.
+        unit: ``(d,)`` natural units per standardised one of the first head. It scales the errors and not the metrics,
+            which are by far the largest array.
     """
 
     x: Tensor
     c: Tensor
     metric: Tensor | None
-    metric_scale: Tensor
+    unit: Tensor
 
     def __len__(self) -> int:
         return len(self.x)
@@ -37,8 +37,8 @@ class Rows:
     def loss(self, model: ConditionalVae, chosen: Tensor, metric_weight: float, kl_scale: float = 1.0) -> Losses:
         """Measure a model on the rows of index `chosen`."""
         x, c = self.x.index_select(0, chosen), self.c.index_select(0, chosen)
-        metric = None if self.metric is None else self.metric.index_select(0, chosen) * self.metric_scale
-        return model.loss(x, c, metric, metric_weight, kl_scale)
+        metric = None if self.metric is None else self.metric.index_select(0, chosen)
+        return model.loss(x, c, metric, metric_weight, kl_scale, self.unit)
 
 
 def standardised_rows(

@@ -73,7 +73,9 @@ class TrainingSpec:
     """
 
     epochs: int = 100
-    """Passes over the training rows."""
+    """Passes over the training rows; fewer where so many would take more than the maximum of steps."""
+    max_steps: int = 0
+    """Most optimiser steps to take, whole passes and at least one; 0 for no maximum."""
     batch_size: int = 4096
     """Rows per step; a last partial batch is left for the next shuffle."""
     learning_rate: float = 2e-3
@@ -104,9 +106,13 @@ class TrainingSpec:
         for name in ("learning_rate", "final_learning_rate", "max_gradient_norm"):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("weight_decay", "metric_weight"):
+        for name in ("weight_decay", "metric_weight", "max_steps", "seed"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(f"{name} must not be negative, got {getattr(self, name)}")
         for name in ("kl_warmup_fraction", "averaging_fraction", "validation_fraction"):
             if not 0.0 <= getattr(self, name) < 1.0:
                 raise InputError(f"{name} must be in [0, 1), got {getattr(self, name)}")
+
+    def epochs_of(self, batches: int) -> int:
+        """Count the passes over rows that make so many batches."""
+        return min(self.epochs, max(1, self.max_steps // batches)) if self.max_steps else self.epochs

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from ..errors import InputError
 from .fitted import EpochRecord, Fitted
@@ -102,18 +103,26 @@ class _Run:
         )
 
     @property
+    def batches(self) -> int:
+        return len(self.train_rows) // self.batch_size
+
+    @property
+    def n_epochs(self) -> int:
+        return self.training.epochs_of(self.batches)
+
+    @property
     def steps(self) -> int:
-        return self.training.epochs * (len(self.train_rows) // self.batch_size)
+        return self.n_epochs * self.batches
 
     def epochs(self, progress: Callable[[EpochRecord], None] | None) -> Iterator[EpochRecord]:
         begun = time.perf_counter()
-        for epoch in range(1, self.training.epochs + 1):
+        for epoch in range(1, self.n_epochs + 1):
             total, reconstruction, kl = self.train_epoch()
             if not math.isfinite(total):
                 raise FloatingPointError(f"training diverged in epoch {epoch}: loss {total}; lower the learning rate")
             record = EpochRecord(
                 epoch=epoch,
-                epochs=self.training.epochs,
+                epochs=self.n_epochs,
                 learning_rate=self.optimiser.param_groups[0]["lr"],
                 train_loss=total,
                 train_reconstruction=reconstruction,
@@ -127,10 +136,10 @@ class _Run:
 
     def train_epoch(self) -> tuple[float, float, float]:
         order = self.train_rows[torch.randperm(len(self.train_rows))]
-        sums, batches = torch.zeros(3), len(order) // self.batch_size
-        for batch in range(batches):
+        sums = torch.zeros(3)
+        for batch in range(self.batches):
             sums += self.train_step(order[batch * self.batch_size : (batch + 1) * self.batch_size])
-        total, reconstruction, kl = (sums / batches).tolist()
+        total, reconstruction, kl = (sums / self.batches).tolist()
         return total, reconstruction, kl
 
     def train_step(self, chosen: Tensor) -> Tensor:
@@ -148,11 +157,10 @@ class _Run:
         self.step += 1
         return torch.stack(losses).detach()
 
-    @torch.no_grad()
     def average(self) -> None:
         towards = 1.0 / max(1.0, self.training.averaging_fraction * self.steps)
-        for kept, now in zip(self.averaged.parameters(), self.model.parameters(), strict=True):
-            kept.lerp_(now, towards)
+        average = get_ema_multi_avg_fn(1.0 - towards)  # type: ignore[no-untyped-call]
+        average(list(self.averaged.parameters()), list(self.model.parameters()), None)
 
     @torch.no_grad()
     def validate(self) -> float:

@@ -65,6 +65,7 @@ class ConditionalVae(nn.Module):
         metric: Tensor | None = None,
         metric_weight: float = 0.0,
         kl_scale: float = 1.0,
+        unit: Tensor | None = None,
     ) -> Losses:
         """Measure a batch with one latent draw per row, from torch's global generator.
 
@@ -75,6 +76,8 @@ class ConditionalVae(nn.Module):
                 adds ``metric_weight * |metric @ (x_hat - x)|^2``.
             metric_weight: see `metric`.
             kl_scale: factor on the divergence's weight, for warming up.
+            unit: ``(d,)`` natural units per standardised one, for a metric that acts on natural-unit errors; the
+                metric acts on standardised errors where None.
 
         Raises:
             InputError: a metric is given and the first head is not gaussian.
@@ -86,7 +89,7 @@ class ConditionalVae(nn.Module):
         if metric is not None and metric_weight > 0.0:
             if self.blocks[0].head.kind != "gaussian":
                 raise InputError(f"a metric weights a gaussian first head, not {self.blocks[0].head.kind!r}")
-            reconstruction = reconstruction + metric_weight * metric_error(self.blocks[0], metric, output, x)
+            reconstruction = reconstruction + metric_weight * metric_error(self.blocks[0], metric, unit, output, x)
         kl = 0.5 * (q.mean.square() + q.log_variance.exp() - q.log_variance - 1.0).sum(-1).mean()
         mean_reconstruction = reconstruction.mean()
         return Losses(mean_reconstruction + kl_scale * self.spec.kl_weight * kl, mean_reconstruction, kl)

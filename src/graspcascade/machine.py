@@ -1,0 +1,37 @@
+"""The machine underneath: its processors, and the memory that a process has needed."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from pathlib import Path
+
+
+def cpu_model() -> str:
+    """Name the processor as the system does."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or platform.machine())
+
+
+def peak_rss_mb(max_rss: int | None = None) -> float:
+    """Give the most memory this process has held resident, in MB of a million bytes.
+
+    Args:
+        max_rss: `ru_maxrss` of another process, as the system gives it, to convert instead.
+    """
+    if max_rss is None:
+        import resource  # only Unix has it, and only this needs it
+
+        max_rss = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # The one number that systems count in different units.
+    return max_rss * (1 if sys.platform == "darwin" else 1024) / 1e6
+
+
+def processors() -> int:
+    """Count the processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1

@@ -1,0 +1,155 @@
+"""Fitting a cascade: stages side by side, and the training curves that stay."""
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspcascade.candidates import candidates, draw_sides
+from graspcascade.cascade import FACTORIZATIONS, fit, workers
+from graspcascade.cascade.fit import CascadeTraining, FittedCascade, StageJob, fit_cascade
+from graspcascade.cli.console import Bar
+from graspcascade.cli.train import Epochs
+from graspcascade.dataset import Dataset
+from graspcascade.errors import InputError
+from graspcascade.hands import HandModel
+from graspcascade.nets import EpochRecord, TrainingSpec
+from graspcascade.objects import CATALOGUE
+from graspcascade.postures import PosturePrior
+from graspcascade.taxonomy import GRASP_TYPES
+from graspcascade.trials import PAPER, Outcomes
+
+MODEL3 = FACTORIZATIONS["model3"]
+TINY = CascadeTraining(training=TrainingSpec(epochs=2, batch_size=64, seed=5))
+
+
+@pytest.fixture(scope="module")
+def dataset(hand: HandModel, prior: PosturePrior) -> Dataset:
+    """Make a dataset of candidates that are said to have held."""
+    rng = np.random.default_rng(0)
+    types, labels = rng.choice(list(GRASP_TYPES), 200), rng.choice(list(CATALOGUE), 200)
+    grasps = candidates(hand, prior.sample(types, rng), types, labels, draw_sides(labels, rng), rng)
+    blank = Outcomes.blank(200, len(hand.joint_names))
+    outcomes = dataclasses.replace(
+        blank,
+        verdict=np.full(200, "held"),
+        touching_end=np.ones_like(blank.touching_end),
+        object_size_m=grasps.side_m + 0.012,
+    )
+    return Dataset(grasps, outcomes, {"protocol": PAPER.to_json(), "seed": 0})
+
+
+Told = list[tuple[str, EpochRecord]]
+
+
+@pytest.fixture(scope="module")
+def alone(hand: HandModel, dataset: Dataset) -> tuple[FittedCascade, Told]:
+    """Fit in this process and keep what is reported."""
+    told: Told = []
+    return fit_cascade(hand, dataset, MODEL3, TINY, lambda *report: told.append(report), workers=1), told
+
+
+# -- side by side
+
+
+def timeless(records: tuple[EpochRecord, ...]) -> list[EpochRecord]:
+    return [dataclasses.replace(record, seconds=0.0) for record in records]
+
+
+def test_the_number_of_workers_changes_no_bit_of_a_cascade(
+    hand: HandModel, dataset: Dataset, alone: tuple[FittedCascade, Told], tmp_path: Path
+) -> None:
+    told: Told = []
+    fitted = fit_cascade(hand, dataset, MODEL3, TINY, lambda *report: told.append(report), workers=2)
+    for path, cascade in ((tmp_path / "one", alone[0]), (tmp_path / "two", fitted)):
+        cascade.save(path)
+    for name in ("cascade.safetensors", "training.json"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+    for stage in MODEL3.stages:
+        assert [record for name, record in told if name == stage.name] == list(fitted.history[stage.name])
+        assert timeless(fitted.history[stage.name]) == timeless(alone[0].history[stage.name])
+    assert list(fitted.sampler.decoders) == [stage.name for stage in MODEL3.stages]
+
+
+@pytest.mark.parametrize(
+    ("name", "order"), [("model3", ["posture", "rotation", "position"]), ("model2", ["posture", "pose"])]
+)
+def test_the_longest_stage_is_begun_first(
+    hand: HandModel, dataset: Dataset, monkeypatch: pytest.MonkeyPatch, name: str, order: list[str]
+) -> None:
+    begun: list[str] = []
+
+    def run_jobs(jobs: list[StageJob], workers: int, report: Callable[[int, EpochRecord], None]) -> Any:
+        begun.extend(job.name for job in jobs)
+        return workers_run(jobs, 1, report)
+
+    workers_run = workers.run_jobs
+    monkeypatch.setattr(fit, "run_jobs", run_jobs)
+    fitted = fit_cascade(hand, dataset, FACTORIZATIONS[name], TINY)
+    assert begun == order
+    assert list(fitted.history) == [stage.name for stage in FACTORIZATIONS[name].stages]
+
+
+def test_a_negative_number_of_workers_is_refused(hand: HandModel, dataset: Dataset) -> None:
+    with pytest.raises(InputError, match="workers"):
+        fit_cascade(hand, dataset, MODEL3, TINY, workers=-1)
+
+
+def test_errors_of_a_stage_arrive_as_they_are(hand: HandModel, dataset: Dataset) -> None:
+    wild = dataclasses.replace(TINY.training, learning_rate=1e30)
+    with pytest.raises(FloatingPointError, match="lower the learning rate"):
+        fit_cascade(hand, dataset, MODEL3, dataclasses.replace(TINY, training=wild), workers=1)
+
+
+# -- what stays
+
+
+def test_the_training_curves_lie_beside_the_weights(alone: tuple[FittedCascade, Told], tmp_path: Path) -> None:
+    fitted, _ = alone
+    fitted.save(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"cascade.safetensors", "training.json"}
+    curves = json.loads((tmp_path / "training.json").read_text())
+    assert (curves["factorization"], curves["seed"], curves["learned_from"]) == ("model3", 5, 200)
+    assert curves["config"] == json.loads(json.dumps(dataclasses.asdict(TINY)))
+    assert {"graspcascade", "numpy", "torch", "python"} <= set(curves["versions"])
+    assert list(curves["stages"]) == ["posture", "position", "rotation"]
+    for name, records in fitted.history.items():
+        for curve, values in curves["stages"][name].items():
+            assert values == [getattr(record, curve) for record in records]
+        assert curves["stages"][name]["epoch"] == [1, 2]
+
+
+# -- what is shown
+
+
+class Shown(Bar):
+    """Keep what a bar is told."""
+
+    def __init__(self) -> None:
+        super().__init__(None, None, "")
+        self.states: list[tuple[int, int | None, str | None]] = []
+
+    def show(self, done: int, total: int | None = None, note: str | None = None, title: str | None = None) -> None:
+        self.states.append((done, total, note))
+
+
+def test_one_bar_counts_the_epochs_of_all_stages_and_names_those_under_way() -> None:
+    def record(epoch: int, loss: float, validation: float | None) -> EpochRecord:
+        return EpochRecord(epoch, 2, 1e-3, loss, 0.0, 0.0, validation, 0.0)
+
+    shown = Shown()
+    epochs = Epochs(shown, 3)
+    epochs.show("posture", record(1, 9.0, 8.5))
+    epochs.show("rotation", record(1, -1.0, None))
+    epochs.show("posture", record(2, 7.0, 6.5))
+    epochs.show("position", record(1, 2.0, 2.25))
+    assert shown.states == [
+        (1, 6, "loss: posture 8.500"),
+        (2, 6, "loss: posture 8.500, rotation -1.000"),
+        (3, 6, "loss: posture 6.500, rotation -1.000"),
+        (4, 6, "loss: rotation -1.000, position 2.250"),
+    ]
