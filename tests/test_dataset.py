@@ -71,10 +71,24 @@ def write_metadata(folder: Path, metadata: dict[str, Any]) -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+    """Give every file, the metadata without what it took to collect, which no two collections share."""
+    found = {path.name: path.read_bytes() for path in folder.iterdir()}
+    if b'"effort"' in found.get("metadata.json", b""):
+        metadata = metadata_of(folder)
+        del metadata["effort"]
+        found["metadata.json"] = json.dumps(metadata).encode()
+    return found
 
 
 # What is written
+
+
+def test_metadata_says_what_each_shard_took(collection: Path) -> None:
+    effort = metadata_of(collection)["effort"]
+    assert set(effort) == set(SHARDS)
+    for spent in effort.values():
+        assert spent["seconds"] > 0.0
+        assert spent["peak_rss_mb"] > 10.0
 
 
 def test_a_collection_is_shards_and_a_metadata_file_and_nothing_else(collection: Path) -> None:
@@ -343,6 +357,19 @@ def test_a_readable_shard_of_another_collection_is_refused(copy: Path) -> None:
     shutil.copy(copy / SHARDS[0], copy / SHARDS[1])
     with pytest.raises(FileFormatError, match="checksum"):
         load_dataset(copy)
+
+
+def test_each_shard_is_read_once(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read_bytes = Path.read_bytes
+
+    def read_and_remove(path: Path) -> bytes:
+        content = read_bytes(path)
+        path.unlink()
+        return content
+
+    monkeypatch.setattr(Path, "read_bytes", read_and_remove)
+    assert len(load_dataset(copy).grasps) == 24
+    assert not any((copy / name).exists() for name in SHARDS)
 
 
 def test_a_shard_without_a_column_is_refused_by_the_columns_name(copy: Path) -> None:

@@ -236,7 +236,11 @@ def test_an_observer_sees_every_trial_from_its_start_to_its_verdict(
             if step == short.closing_steps:
                 places[int(row)] = pose[:3].copy()
 
-    assert_same(run(drawn[:6], short, n_slots=4, observe=look), outcomes[:6])
+    observed = run(drawn[:6], short, n_slots=4, observe=look)
+    # Who observes sees all digits; else those that touch nothing are left out, which changes rounding.
+    np.testing.assert_array_equal(observed.verdict, outcomes.verdict[:6])
+    np.testing.assert_array_equal(observed.settled_posture, outcomes.settled_posture[:6])
+    np.testing.assert_allclose(observed.displacement_m, outcomes.displacement_m[:6], atol=1e-4)
     for row, steps in seen.items():
         assert steps == list(range(CHECK_STEPS, steps[-1] + 1, CHECK_STEPS))
         assert steps[-1] * short.time_step_s == pytest.approx(outcomes.duration_s[row])

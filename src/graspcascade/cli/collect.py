@@ -13,6 +13,7 @@ from ..hands import shadow_hand
 from ..objects import CATALOGUE
 from ..postures import PosturePrior
 from ..taxonomy import GRASP_TYPES
+from ..trials import COLLECTION
 from .console import at_least, bar, percent, print_json
 from .needs import need
 
@@ -27,6 +28,8 @@ class Collect:
     """How much."""
     prior: Path | None = None
     """Posture prior (.safetensors); the shipped one without it."""
+    full: bool = False
+    """Compute every step instead of leaping along the slow creep under weight."""
     threads: int = 0
     """Simulation threads, 0 for all processors."""
     json: bool = False
@@ -48,6 +51,7 @@ class Collect:
                 prior,
                 self.spec,
                 self.out,
+                creep=None if self.full else COLLECTION,
                 n_threads=self.threads,
                 progress=report,
                 tick=progress.advance,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -16,10 +17,11 @@ from ..candidates import candidates, cannot_touch, draw_sides
 from ..errors import InputError
 from ..grasps import Grasps
 from ..hands import HandModel
+from ..machine import peak_rss_mb
 from ..objects import CATALOGUE
 from ..postures import PosturePrior
 from ..taxonomy import GRASP_TYPES
-from ..trials import PAPER, Protocol, run
+from ..trials import COLLECTION, PAPER, CreepProjection, Protocol, run
 from .schema import SCHEMA_VERSION, to_columns
 from .shards import (
     METADATA_FILE,
@@ -42,7 +44,7 @@ class CollectionSpec:
     """Trials for each object and type; 0 asks for none."""
     successes_per_cell: int = 0
     """Held grasps for each object and type; 0 asks for none."""
-    round_per_cell: int = 80
+    round_per_cell: int = 200
     """Trials of an unfinished cell in one round; a round is one shard and all that an interruption can lose."""
     seed: int = 0
     """Seed of every draw; the same seed gives the same rows whatever the threads or interruptions."""
@@ -81,6 +83,7 @@ def collect(
     folder: Path | str,
     *,
     protocol: Protocol = PAPER,
+    creep: CreepProjection | None = COLLECTION,
     n_threads: int = 0,
     progress: Callable[[CollectionState], None] | None = None,
     tick: Callable[[int], None] | None = None,
@@ -93,6 +96,7 @@ def collect(
         spec: how much.
         folder: made if needed.
         protocol: the trial.
+        creep: how trials are abridged under weight; None computes every step.
         n_threads: simulation threads, 0 for all.
         progress: called at the start and after each round.
         tick: called within a round with the number of trials decided since the last call.
@@ -102,7 +106,7 @@ def collect(
         FileFormatError: the metadata of its collection cannot be read.
     """
     folder = Path(folder)
-    metadata = _open(folder, hand, prior, spec, protocol)
+    metadata = _open(folder, hand, prior, spec, protocol, creep)
     state = _state(metadata)
     while True:
         if progress is not None:
@@ -110,14 +114,18 @@ def collect(
         cells = state.unfinished(spec)
         if not cells.size:
             return state
+        begun = time.perf_counter()
         grasps, skipped = draw_round(hand, prior, cells, state.rounds, spec)
-        outcomes = run(grasps, protocol, hand=hand.description, n_threads=n_threads, progress=tick)
+        outcomes = run(grasps, protocol, hand=hand.description, n_threads=n_threads, creep=creep, progress=tick)
         path = shard_path(folder, state.rounds)
         digest = write_shard(path, to_columns(grasps, outcomes))
         counts = _count(grasps, outcomes.held, outcomes.faithful(grasps))
         metadata["shards"].append(
             {"file": path.name, "sha256": digest, "rows": len(grasps), "screened_out": skipped} | counts
         )
+        # Kept apart from what the same seed gives again.
+        spent = {"seconds": round(time.perf_counter() - begun, 3), "peak_rss_mb": round(peak_rss_mb(), 1)}
+        metadata.setdefault("effort", {})[path.name] = spent
         metadata["counts"] = _totals(metadata)
         write_metadata(folder, metadata)
         state = _state(metadata)
@@ -160,7 +168,12 @@ def versions() -> dict[str, str]:
 
 
 def _open(
-    folder: Path, hand: HandModel, prior: PosturePrior, spec: CollectionSpec, protocol: Protocol
+    folder: Path,
+    hand: HandModel,
+    prior: PosturePrior,
+    spec: CollectionSpec,
+    protocol: Protocol,
+    creep: CreepProjection | None,
 ) -> dict[str, Any]:
     identity = {
         "schema_version": SCHEMA_VERSION,
@@ -169,6 +182,7 @@ def _open(
         "pregrasp_rad": hand.pregrasp.tolist(),
         "prior": prior.fingerprint(),
         "protocol": protocol.to_json(),
+        "creep_projection": None if creep is None else asdict(creep),
         "objects": {label: {"shape": o.shape, "extents_m": list(o.extents_m)} for label, o in CATALOGUE.items()},
         "screening": "candidates whose opposing places stay farther apart than the side is wide are skipped",
         "seed": spec.seed,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from ..hands import HandDescription, load_spec
 from ..objects import DENSITY_KG_M3, GraspObject
 from .outcomes import TOUCH_COLUMNS
+from .pairs import declare, digit_pairs, reachable
 from .protocol import Protocol
 
 OBJECT = "object"
@@ -26,7 +28,8 @@ class Scene:
 
     Attributes:
         model: the compiled MuJoCo model.
-        joint_qpos: ``(J,)`` addresses of the posture's joints in qpos.
+        joints: ``(J',)`` places of the scene's joints among the hand's J, all of them unless digits are left out.
+        joint_qpos: ``(J',)`` addresses of these joints in qpos.
         object_qpos: address of the object's seven numbers (position, wxyz) in qpos.
         control_map: ``(J, n_actuators)``; posture times this gives the actuators' targets (a tendon takes its joints'
             sum).
@@ -35,6 +38,7 @@ class Scene:
     """
 
     model: Any
+    joints: NDArray[np.int64]
     joint_qpos: NDArray[np.int64]
     object_qpos: int
     control_map: NDArray[np.float64]
@@ -42,7 +46,14 @@ class Scene:
     overlap_sensor: int
 
 
-def build_scene(hand: HandDescription, obj: GraspObject, protocol: Protocol, *, reduced: bool = True) -> Scene:
+def build_scene(
+    hand: HandDescription,
+    obj: GraspObject,
+    protocol: Protocol,
+    *,
+    reduced: bool = True,
+    without: Collection[str] = (),
+) -> Scene:
     """Compile the trial scene of one object.
 
     Args:
@@ -50,21 +61,29 @@ def build_scene(hand: HandDescription, obj: GraspObject, protocol: Protocol, *, 
         obj: the object to hold.
         protocol: friction, gains, time step.
         reduced: remove the wrist joints, which trials hold at zero, and keep only the collision pairs that matter
-            (object with hand, thumb with fingers, neighbouring fingers). False keeps all joints and pairs.
+            (object with hand; thumb with fingers and neighbouring fingers where they can reach each other). False keeps
+            all joints and pairs.
+        without: digits to leave out.
     """
     spec = load_spec(hand)
     _set_physics(spec, protocol)
     if reduced:
         _remove_wrist(spec, hand)
+    _remove_digits(spec, hand, without)
     _palm_to_world(spec, hand)
     _add_object(spec, obj, protocol)
+    slide, turn, roll = protocol.friction, protocol.torsional_friction_m, 0.0001
+    contact = {
+        "condim": 4,
+        "solref": [protocol.contact_time_constant_s, 1.0],
+        "solimp": [0.9, 0.95, 0.001, 0.5, 2.0],
+    }
     for geom in spec.geoms:
-        geom.friction = [protocol.friction, protocol.torsional_friction_m, 0.0001]
-        geom.condim = 4
-        geom.solref = [protocol.contact_time_constant_s, 1.0]
-        geom.solimp = [0.9, 0.95, 0.001, 0.5, 2.0]
+        geom.friction = [slide, turn, roll]
+        for name, value in contact.items():
+            setattr(geom, name, value)
     if reduced:
-        _limit_collisions(spec, hand)
+        _limit_collisions(spec, hand, contact | {"friction": [slide, slide, turn, roll, roll]})
     _add_sensors(spec, hand)
     return _locate(spec.compile(), hand)
 
@@ -91,6 +110,17 @@ def _remove_wrist(spec: Any, hand: HandDescription) -> None:
         spec.delete(actuator)
     for joint in [j for j in spec.joints if j.name in wrist]:
         spec.delete(joint)
+
+
+def _remove_digits(spec: Any, hand: HandDescription, digits: Collection[str]) -> None:
+    owner = _digit_of_bodies(spec, hand)
+    joints = {joint.name for joint in spec.joints if owner.get(joint.parent.name) in digits}
+    tendons = [t for t in spec.tendons if joints & {t.path[i].target.name for i in range(len(t.path))}]
+    driven = joints | {tendon.name for tendon in tendons}
+    for element in [a for a in spec.actuators if a.target in driven] + tendons:
+        spec.delete(element)
+    for digit in digits:
+        spec.delete(spec.body(hand.prefix + hand.digit_roots[digit]))
 
 
 def _palm_to_world(spec: Any, hand: HandDescription) -> None:
@@ -126,30 +156,26 @@ def _digit_of_bodies(spec: Any, hand: HandDescription) -> dict[str, str]:
     found = {}
     for digit, root in hand.digit_roots.items():
         body = spec.body(hand.prefix + root)
+        if body is None:
+            continue
         for member in [body, *body.find_all(mujoco.mjtObj.mjOBJ_BODY)]:
             found[member.name] = digit
     return found
 
 
-def _limit_collisions(spec: Any, hand: HandDescription) -> None:
-    digits = list(hand.digit_roots)
-    owner = _digit_of_bodies(spec, hand)
-    object_bit = 1 << len(digits)
-    palm_bit = object_bit << 1
-    for geom in spec.geoms:
-        if geom.contype == 0 and geom.conaffinity == 0:
-            continue
-        if geom.name == OBJECT:
-            geom.contype, geom.conaffinity = object_bit, object_bit
-            continue
-        digit = owner.get(geom.parent.name)
-        if digit is None:
-            geom.contype, geom.conaffinity = palm_bit, object_bit
-            continue
-        place = digits.index(digit)
-        partners = {0, place - 1, place + 1} if place else set(range(1, len(digits)))
-        geom.contype = 1 << place
-        geom.conaffinity = object_bit | sum(1 << p for p in partners if 0 <= p < len(digits) and p != place)
+def _limit_collisions(spec: Any, hand: HandDescription, contact: Mapping[str, Any]) -> None:
+    """Test only the object with the hand, and digits that can reach each other."""
+    digits, owner = list(hand.digit_roots), _digit_of_bodies(spec, hand)
+    solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
+    for number, geom in enumerate(solid):
+        geom.name = geom.name or f"solid_{number}"
+    model = spec.compile()
+    by_id = {int(model.geom(geom.name).id): geom for geom in solid}
+    digit_of_geom = {i: digits.index(owner[g.parent.name]) for i, g in by_id.items() if g.parent.name in owner}
+    touching = reachable(model, digit_pairs(digit_of_geom, digits.index("thumb")))
+    obj = next(geom for geom in solid if geom.name == OBJECT)
+    wanted = [(obj, geom) for geom in solid if geom is not obj] + [(by_id[a], by_id[b]) for a, b in touching]
+    declare(spec, wanted, contact)
 
 
 def _add_sensors(spec: Any, hand: HandDescription) -> None:
@@ -166,7 +192,8 @@ def _add_sensors(spec: Any, hand: HandDescription) -> None:
 
     whole_body, this_body = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_BODY
     for digit, root in hand.digit_roots.items():
-        add(f"touch_{digit}", whole_body, hand.prefix + root, _FOUND)
+        if spec.body(hand.prefix + root) is not None:
+            add(f"touch_{digit}", whole_body, hand.prefix + root, _FOUND)
     for body in hand.palm_bodies:
         add(f"touch_palm_{body}", this_body, hand.prefix + body, _FOUND)
     root = spec.body(hand.prefix + hand.hand_body)
@@ -176,9 +203,13 @@ def _add_sensors(spec: Any, hand: HandDescription) -> None:
 
 
 def _locate(model: Any, hand: HandDescription) -> Scene:
-    joints = [model.joint(hand.prefix + name).id for name in hand.joint_names]
-    column = {joint: place for place, joint in enumerate(joints)}
-    control_map = np.zeros((len(joints), model.nu))
+    present = {model.joint(i).name: i for i in range(model.njnt)}
+    column = {
+        present[hand.prefix + name]: place
+        for place, name in enumerate(hand.joint_names)
+        if hand.prefix + name in present
+    }
+    control_map = np.zeros((len(hand.joint_names), model.nu))
     for actuator in range(model.nu):
         target = model.actuator_trnid[actuator, 0]
         if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
@@ -195,7 +226,8 @@ def _locate(model: Any, hand: HandDescription) -> Scene:
     )
     return Scene(
         model=model,
-        joint_qpos=model.jnt_qposadr[joints].astype(np.int64),
+        joints=np.array(list(column.values()), dtype=np.int64),
+        joint_qpos=model.jnt_qposadr[list(column)].astype(np.int64),
         object_qpos=int(model.joint(OBJECT).qposadr[0]),
         control_map=control_map,
         touch_sensors=touch,
