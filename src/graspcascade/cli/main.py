@@ -49,6 +49,7 @@ VERBS: Mapping[str, Verb] = {
     "collect": Verb("collect", "collect trials of the heuristic as a dataset", _AGAIN),
     "train": Verb("train", "train a cascade on a dataset"),
     "report": Verb("report", "the results page from committed evaluations, and the figures"),
+    "bench": Verb("bench", "how fast trials, sampling and training are on this machine"),
     "view": Verb("view", "a web page: sample, see, try and download grasps"),
     "export": Verb("export", "write the grasps of a file in another format"),
     "hands": Verb("catalogue", "list the hands, or show one's joints, limits and frames"),

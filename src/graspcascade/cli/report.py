@@ -19,9 +19,9 @@ class Report:
     results: Path = Path("docs/results")
     """Folder of JSON files, such as the evaluation.json of `graspcascade evaluate --out`."""
     out: Path = Path("docs/results.md")
-    """Page to write, .md."""
+    """Page to write, .md; the tables of a performance.md beside it are made from the folder `performance`."""
     figures: Path | None = None
-    """Folder for success heat maps, grasps of each type, the objects and sampled hand frames, all .png."""
+    """Folder for heat maps, training curves, grasps of each type, the objects and sampled hand frames, all .png."""
     model: str = "default"
     """Name of a shipped cascade, or the folder of a trained one, that the pictures are sampled from."""
     json: bool = False
@@ -41,17 +41,31 @@ class Report:
         # Evaluation loads the physics engine, which a wrong setting of the renderer stops from loading at all.
         from ..evaluation import report
 
-        report(self.results, self.out)
-        written = [self.out] + ([] if self.figures is None else self._draw(self.figures))
+        report(self.results, self.out, self.figures)
+        written = [self.out, *self._fill_performance()]
+        written += [] if self.figures is None else self._draw(self.figures)
         if self.json:
             print_json({"written": [str(path) for path in written]})
         else:
             print("\n".join(f"wrote {path}" for path in written))
 
-    def _draw(self, folder: Path) -> list[Path]:
-        from ..evaluation.figures import heat_maps
+    def _fill_performance(self) -> list[Path]:
+        page, folder = self.out.with_name("performance.md"), self.results / "performance"
+        if not (page.is_file() and folder.is_dir()):
+            return []
+        from ..bench.page import fill_page
 
-        return heat_maps(self.results, folder) + draw_pictures(folder, self.model)
+        fill_page(page, folder)
+        return [page]
+
+    def _draw(self, folder: Path) -> list[Path]:
+        from ..evaluation.figures import heat_maps, paper_figures
+
+        return [
+            *heat_maps(self.results, folder),
+            *paper_figures(self.results, folder),
+            *draw_pictures(folder, self.model),
+        ]
 
 
 def draw_pictures(folder: Path, model: str = "default") -> list[Path]:

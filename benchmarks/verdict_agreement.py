@@ -1,0 +1,105 @@
+"""Compare verdicts of the same grasps, executed in full, as in a collection, with all digits, and in finer steps.
+
+Example::
+
+    python benchmarks/verdict_agreement.py --out docs/results/verdict_agreement.json
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from graspcascade.bench.trials import collection_grasps, evaluation_grasps
+from graspcascade.cascade import GraspSampler
+from graspcascade.dataset.collect import versions
+from graspcascade.evaluation import model_source, wilson
+from graspcascade.grasps import Grasps
+from graspcascade.hands import shadow_hand
+from graspcascade.postures import PosturePrior
+from graspcascade.trials import COLLECTION, PAPER, Outcomes, run
+
+FINE = replace(PAPER, name="paper, 1 ms", time_step_s=0.001)
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Execute grasps several times."""
+
+    per_cell: int = 100
+    """Grasps for each object and type, of the heuristic (as collected) and of the shipped cascade."""
+    fine_per_cell: int = 20
+    """How many of these are executed in steps of 1 ms and with all digits."""
+    seed: int = 11
+    """Seed of the grasps."""
+    out: Path | None = None
+    """JSON file to write."""
+
+
+def rate(flags: np.ndarray) -> dict[str, float | int]:
+    """Give a rate with its interval."""
+    interval = wilson(int(flags.sum()), len(flags))
+    return {"rate": interval.rate, "low": interval.low, "high": interval.high}
+
+
+def compare(name: str, way: str, grasps: Grasps, reference: Outcomes, other: Outcomes) -> dict[str, Any]:
+    """Compare outcomes with those of the full protocol, trial by trial."""
+    held, faithful = reference.held, reference.faithful(grasps)
+    return {
+        "grasps": name,
+        "executed": way,
+        "n": len(grasps),
+        "held_full": rate(held),
+        "held": rate(other.held),
+        "agreement": rate(held == other.held),
+        "false_successes": rate(other.held & ~held),
+        "false_failures": rate(held & ~other.held),
+        "agreement_faithful": rate(faithful == other.faithful(grasps)),
+    }
+
+
+def main(arguments: Arguments) -> None:
+    """Run the comparisons and print them."""
+    hand, prior, n, seed = shadow_hand(), PosturePrior.pretrained(), arguments.per_cell, arguments.seed
+    sampler = model_source(GraspSampler.pretrained())
+    sources: dict[str, Callable[[], Grasps]] = {
+        "heuristic, screened": lambda: collection_grasps(hand, prior, n, seed),
+        "model3": lambda: evaluation_grasps(sampler, n, seed),
+    }
+    rows = []
+    for name, draw in sources.items():
+        grasps = draw()
+        full = run(grasps)
+        rows.append(compare(name, "abridged as in a collection", grasps, full, run(grasps, creep=COLLECTION)))
+        print(json.dumps(rows[-1]), flush=True)
+        some = np.flatnonzero(np.arange(len(grasps)) % n < arguments.fine_per_cell)
+        part, outcomes = grasps[some], full[some]
+        ways = {
+            "all digits, joints and pairs": lambda part=part: run(part, reduced=False),
+            "steps of 1 ms": lambda part=part: run(part, FINE),
+        }
+        for way, execute in ways.items():
+            rows.append(compare(name, way, part, outcomes, execute()))
+            print(json.dumps(rows[-1]), flush=True)
+    result = {
+        "title": "Agreement of verdicts",
+        "description": "The same grasps under the paper protocol: in full as an evaluation executes them, and in "
+        "another way. Agreement is the share of trials with the same verdict on held; false successes held only in "
+        "the other way.",
+        "protocol": PAPER.name,
+        "seed": seed,
+        "mujoco": versions()["mujoco"],
+        "comparisons": rows,
+    }
+    if arguments.out is not None:
+        arguments.out.write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))

@@ -1,0 +1,45 @@
+"""What was measured on: processor and versions."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from ..dataset.collect import versions
+from ..machine import cpu_model, processors
+
+
+def environment(threads: int) -> dict[str, Any]:
+    """Describe machine and versions.
+
+    Args:
+        threads: threads that were measured with.
+    """
+    found = versions()
+    for name in ("pyarrow", "torch"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return {
+        "cpu": cpu_model(),
+        "logical_cores": os.cpu_count(),
+        "usable_cores": processors(),
+        "threads": threads,
+        "system": platform.system(),
+        "versions": found,
+    }
+
+
+def child_environment(**variables: str) -> dict[str, str]:
+    """Give the environment for a Python process that finds the packages of this one.
+
+    Args:
+        variables: to set beside it.
+    """
+    path = os.pathsep.join(str(Path(folder).absolute()) for folder in sys.path)
+    return os.environ | {"PYTHONPATH": path} | variables

@@ -1,0 +1,190 @@
+"""The tables of docs/performance.md, made from committed JSON files and from nothing else.
+
+A page names its generated blocks by the file they are made from, and keeps all text outside them::
+
+    <!-- generated: bench -->
+    ...
+    <!-- end -->
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import FileFormatError, unknown
+from ..evaluation.files import read_json, write_text
+from ..evaluation.markdown import MISSING, table
+
+_BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+_TRIALS = {
+    "collection": "collection",
+    "evaluation": "evaluation of the shipped cascade",
+    "evaluation_heuristic": "evaluation of the heuristic",
+}
+
+Json = Mapping[str, Any]
+
+
+def fill_page(page: Path, folder: Path) -> None:
+    """Make the generated blocks of a page again; the same files give the same page.
+
+    Args:
+        page: Markdown file, changed in place; text outside the blocks stays.
+        folder: where the JSON files are. A block whose file is not there says so.
+
+    Raises:
+        InputError: a block of a name that nothing is made for.
+        FileFormatError: a file is not JSON, or lacks a number.
+    """
+    write_text(page, filled(page.read_text(encoding="utf-8"), folder))
+
+
+def filled(text: str, folder: Path) -> str:
+    """Fill the blocks of a page's text; see `fill_page`."""
+
+    def block(match: re.Match[str]) -> str:
+        begin, name, _, end = match.groups()
+        if name not in _MAKERS:
+            raise unknown("generated block", name, _MAKERS)
+        return f"{begin}\n{_made(name, folder / f'{name}.json')}\n\n{end}"
+
+    return _BLOCK.sub(block, text)
+
+
+def _made(name: str, path: Path) -> str:
+    if not path.exists():
+        return f"There is no `{path.parent.name}/{path.name}` yet."
+    data = read_json(path)
+    try:
+        return _MAKERS[name](data)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise FileFormatError(f"{path} lacks or garbles {error}") from error
+
+
+def _bench(found: Json) -> str:
+    blocks = [_machine(found["environment"])]
+    if any(name in found for name in ("raw", *_TRIALS)):
+        blocks += [_rates(found), _trial_settings(found)]
+    if "sampling" in found or "cold_start" in found or "training" in found:
+        blocks.append(_ratios(found))
+    if "training" in found:
+        blocks.append(_training_settings(found["training"]))
+    return "\n\n".join(blocks)
+
+
+def _machine(about: Json) -> str:
+    versions = ", ".join(f"{name} {version}" for name, version in about["versions"].items())
+    return (
+        f"{about['cpu']}, {about['logical_cores']} logical cores, {about['threads']} threads, {about['system']}; "
+        f"{versions}."
+    )
+
+
+def _rates(found: Json) -> str:
+    rows = []
+    for name, words in _TRIALS.items():
+        if name in found:
+            part = found[name]
+            raw = part["raw_steps_per_s"]
+            rates = _between(part["trials_per_s"]), f"{part['held_per_s']['median']:.1f}"
+            full = f"{raw['median'] / part['steps_per_trial']:.1f}"
+            rows.append([words, *rates, _thousands(raw), full, _between(part["gain"])])
+    if "raw" in found:
+        speed = _thousands(found["raw"]["steps_per_s"])
+        rows.append(["raw engine by itself", MISSING, MISSING, speed, MISSING, MISSING])
+    header = ("what", "trials/s", "held/s", "raw engine, 1,000 steps/s", "raw trials/s", "gain")
+    return table(header, rows)
+
+
+def _thousands(found: Json) -> str:
+    return _between({name: value / 1000.0 for name, value in found.items()}, 1)
+
+
+def _trial_settings(found: Json) -> str:
+    words = [f"{found['repetitions']} repetitions in turn"]
+    for name in _TRIALS:
+        if name in found:
+            part = found[name]
+            rounds = f"{part['trials']} trials in rounds of {part['round_per_cell']} a cell"
+            words.append(f"{name.replace('_', ' of the ')}: {rounds}, raw engine on {part['raw_trials']} grasps")
+    if "collection" in found:
+        words.append(f"peak memory when a collection was done {found['collection']['peak_rss_mb']:.0f} MB")
+    return "; ".join(words) + "."
+
+
+def _ratios(found: Json) -> str:
+    rows = []
+    if "sampling" in found:
+        part = found["sampling"]
+        rows.append(
+            [
+                f"{part['grasps']} grasps after loading, one core",
+                part["yardstick"],
+                f"{_between(part['ms'])} ms",
+                f"{_between(part['yardstick_ms'])} ms",
+                f"{part['ratio']:.2f}",
+            ]
+        )
+    if "cold_start" in found:
+        part = found["cold_start"]
+        rows.append(
+            [
+                f"`{part['command']}`, start to finish",
+                f"`{part['yardstick']}`",
+                f"{_between(part['s'])} s",
+                f"{_between(part['yardstick_s'])} s",
+                f"{part['ratio']:.2f}",
+            ]
+        )
+    if "training" in found:
+        part = found["training"]
+        rows.append(
+            [
+                f"training of `{part['factorization']}` on {part['rows']} grasps",
+                part["yardstick"],
+                f"{part['s']:.1f} s",
+                f"{part['yardstick_s']:.1f} s",
+                f"{part['ratio']:.2f}",
+            ]
+        )
+    return table(("what", "yardstick", "takes", "yardstick takes", "ratio"), rows, text_columns=2)
+
+
+def _training_settings(part: Json) -> str:
+    how = (
+        f"{part['epochs_measured']} of {part['epochs']} epochs timed and extended linearly"
+        if part["extrapolated"]
+        else f"all {part['epochs']} epochs timed"
+    )
+    return (
+        f"Training: {how}, {part['workers']} processes of {part['threads_per_worker']} thread, batches of "
+        f"{part['batch_size']}, rows are {part['rows_from']}."
+    )
+
+
+def _scaling(found: Json) -> str:
+    rows = [
+        [
+            f"{run['trials']:,}",
+            f"{run['held']:,}",
+            f"{run['seconds']:.0f}",
+            f"{run['trials_per_s']:.1f}",
+            f"{run['peak_rss_mb']:.0f}",
+        ]
+        for run in found["runs"]
+    ]
+    header = ("trials", "held", "seconds", "trials/s", "peak memory MB")
+    return "\n\n".join([_machine(found["environment"]), table(header, rows, text_columns=0)])
+
+
+_MAKERS: Mapping[str, Callable[[Json], str]] = {"bench": _bench, "collection_scaling": _scaling}
+"""What each block is made by."""
+
+
+def _between(found: Json, decimals: int = 2) -> str:
+    """Word a median and its range: ``6.10 [5.90, 6.30]``."""
+    median, least, greatest = (f"{found[name]:.{decimals}f}" for name in ("median", "min", "max"))
+    return f"{median} [{least}, {greatest}]"
