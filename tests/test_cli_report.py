@@ -62,12 +62,19 @@ def test_every_evaluation_gets_a_heat_map(results: Path, tmp_path: Path) -> None
 
 
 @needs_drawing
-def test_report_draws_every_figure(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_draws_every_figure(
+    results: Path, evaluation: Evaluation, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    replace(evaluation, model="model2").save(results / "paper" / "model2.json")
     page, figures = tmp_path / "results.md", tmp_path / "figures"
     assert main(["report", "--results", str(results), "--out", str(page), "--figures", str(figures)]) == 0
-    names = ["success_heuristic", "success_model3", "grasp_types", "objects", "pose_frames"]
+    names = [
+        "success_heuristic", "success_model3", "success_paper_model2", "grasp_types", "objects", "pose_frames",
+    ]  # fmt: skip
     assert capsys.readouterr().out.splitlines() == [f"wrote {page}", *(f"wrote {figures / n}.png" for n in names)]
     assert all((figures / f"{name}.png").stat().st_size < MAX_BYTES for name in names)
+    text = page.read_text()
+    assert all(f"](figures/{name}.png)" in text for name in names if name not in ("grasp_types", "objects"))
 
 
 def test_report_says_what_it_cannot_use(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from .intervals import Difference, Interval
+from .record import Tally
 
 MISSING = "—"
 """Stands where there is no number."""
@@ -37,6 +38,22 @@ def points(difference: Difference) -> str:
         return MISSING
     value, low, high = (f"{100 * x:+.1f}" for x in (difference.difference, difference.low, difference.high))
     return f"{value} [{low}, {high}]"
+
+
+def pair(tally: Tally | None) -> str:
+    """Word the rates of held and faithful trials in per cent: ``91.0 / 88.5``."""
+    return MISSING if tally is None else f"{percent(tally.held_rate.rate)} / {percent(tally.faithful_rate.rate)}"
+
+
+def over(tally: Tally, base: Tally) -> tuple[str, str]:
+    """Word by how many points the rates of held and of faithful trials are above others."""
+    return points(tally.held_over(base)), points(tally.faithful_over(base))
+
+
+def widest(tallies: Iterable[Tally]) -> str:
+    """Word how far the widest interval of the rates reaches to either side of its middle, in points."""
+    intervals = [interval for tally in tallies for interval in (tally.held_rate, tally.faithful_rate)]
+    return percent(max((interval.high - interval.low) / 2 for interval in intervals))
 
 
 def plain(value: Any) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 from ..errors import FileFormatError
 from ..trials import VERDICTS, Protocol
 from .files import read_json, write_text
-from .intervals import Interval, wilson
+from .intervals import Difference, Interval, newcombe, wilson
 
 KIND = "graspcascade evaluation"
 """Marks the JSON of an evaluation among other files."""
@@ -66,6 +66,14 @@ class Tally:
     def faithful_of_held(self) -> Interval:
         """Give the share of held trials that were type-faithful."""
         return wilson(self.faithful, self.held)
+
+    def held_over(self, base: Tally) -> Difference:
+        """Compute by how much more of these trials held than of others."""
+        return newcombe(self.held, self.n, base.held, base.n)
+
+    def faithful_over(self, base: Tally) -> Difference:
+        """Compute by how much more of these trials held type-faithfully than of others."""
+        return newcombe(self.faithful, self.n, base.faithful, base.n)
 
 
 @dataclass(frozen=True)
@@ -218,6 +226,23 @@ class Evaluation:
             return cls.from_json(data)
         except FileFormatError as error:
             raise FileFormatError(f"{path}: {error}") from error
+
+
+def pool(found: Sequence[Evaluation]) -> Evaluation:
+    """Count the trials of evaluations of the same cells together; all else is the first one's.
+
+    Raises:
+        ValueError: there is none, or they are of different cells.
+    """
+    places = [(cell.object_label, cell.grasp_type) for cell in found[0].cells] if found else []
+    cells = [{(cell.object_label, cell.grasp_type): cell for cell in one.cells} for one in found]
+    if not places or any(set(places) != one.keys() for one in cells):
+        raise ValueError("only evaluations of the same cells can be counted together")
+    counted = []
+    for label, kind in places:
+        tally = _sum(one[label, kind] for one in cells)
+        counted.append(Cell(tally.verdicts, tally.faithful, kind, label))
+    return replace(found[0], cells=tuple(counted), per_cell=sum(one.per_cell for one in found))
 
 
 def is_evaluation(data: Any) -> bool:

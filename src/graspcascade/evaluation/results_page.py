@@ -11,13 +11,14 @@ from typing import Any
 from ..errors import FileFormatError, InputError
 from ..trials import VERDICTS
 from .files import read_json, write_text
-from .intervals import newcombe
-from .markdown import MISSING, percent, plain, points, rate, table
+from .gallery import Gallery, heat_map_name
+from .markdown import MISSING, over, pair, percent, plain, rate, table, widest
 from .measurements import measurement_section, spread
+from .paper_runs import PAPER_FOLDER, read_paper_runs
+from .paper_tables import paper_section
+from .published import HEURISTIC
 from .record import Evaluation, Tally, is_evaluation
 
-HEURISTIC = "heuristic"
-"""Name of the evaluation, and stem of its file, that models are compared with."""
 NOTES_FILE = "notes.md"
 
 
@@ -39,31 +40,38 @@ class _Entry:
         return self.evaluation.total
 
 
-def report(results_dir: Path | str, out: Path | str) -> None:
+def report(results_dir: Path | str, out: Path | str, figures: Path | str | None = None) -> None:
     """Write the results page from a folder of JSON files.
 
-    Evaluations come first, the heuristic before all; other JSON objects follow as tables. The text of `notes.md` in
-    the folder, if there, becomes the section "What falls short". The same files give the same page.
+    Evaluations come first, the heuristic before all; a folder `paper` among them becomes the section of the paper's
+    tables; other JSON objects follow as tables. The text of `notes.md` in the folder, if there, becomes the section
+    "What falls short". The same files give the same page.
 
     Args:
         results_dir: folder of the JSON files.
         out: Markdown file to write.
+        figures: folder into which the page's pictures are drawn along with it; without one, those that lie in `figures`
+            beside the page are shown.
 
     Raises:
         InputError: the folder holds no evaluation.
         FileFormatError: a file is not JSON, or an evaluation that contradicts itself.
     """
-    folder = Path(results_dir)
-    write_text(Path(out), render(folder))
+    page = Path(out)
+    gallery = Gallery(page, page.parent / "figures" if figures is None else Path(figures), figures is not None)
+    write_text(page, render(Path(results_dir), gallery))
 
 
-def render(folder: Path) -> str:
+def render(folder: Path, gallery: Gallery) -> str:
     """Word the results page."""
+    paper = read_paper_runs(folder / PAPER_FOLDER)
     entries, measurements = _read(folder)
     base = entries[0]
     same = [entry for entry in entries if entry.conditions == base.conditions]
     other = [entry for entry in entries if entry.conditions != base.conditions]
     blocks = [_opening(folder), _protocol_section(base), _summary_section(same, base)]
+    if paper is not None:
+        blocks.append(paper_section(paper, gallery))
     blocks.append(_verdict_section(entries))
     if other:
         blocks.append(_conditions_section(other, same, base))
@@ -73,7 +81,7 @@ def render(folder: Path) -> str:
     notes = folder / NOTES_FILE
     if notes.is_file():
         blocks.append("## What falls short\n\n" + notes.read_text(encoding="utf-8").strip("\n"))
-    blocks += [_model_section(entry) for entry in same]
+    blocks += [_model_section(entry, gallery) for entry in same]
     return "\n\n".join(blocks) + "\n"
 
 
@@ -136,7 +144,7 @@ def _summary_section(entries: Sequence[_Entry], base: _Entry) -> str:
         if heuristic is None or entry is heuristic:
             rows.append([*row, MISSING, MISSING])
         else:
-            rows.append([*row, *_differences(total, heuristic.total)])
+            rows.append([*row, *over(total, heuristic.total)])
     return "\n\n".join([f"## Success rates under protocol `{base.evaluation.protocol.name}`", table(header, rows)])
 
 
@@ -177,21 +185,14 @@ def _conditions_section(other: Sequence[_Entry], same: Sequence[_Entry], base: _
                 str(entry.total.n),
                 rate(entry.total.held_rate),
                 rate(entry.total.faithful_rate),
-                *((MISSING, MISSING) if usual is None else _differences(entry.total, usual.total)),
+                *((MISSING, MISSING) if usual is None else over(entry.total, usual.total)),
             ]
         )
     text = f"Differences are to the same model under protocol `{name}` with hand `{base.evaluation.hand}`."
     return "\n\n".join(["## Other conditions", text, table(header, rows, text_columns=3)])
 
 
-def _differences(one: Tally, other: Tally) -> tuple[str, str]:
-    return (
-        points(newcombe(one.held, one.n, other.held, other.n)),
-        points(newcombe(one.faithful, one.n, other.faithful, other.n)),
-    )
-
-
-def _model_section(entry: _Entry) -> str:
+def _model_section(entry: _Entry, gallery: Gallery) -> str:
     found = entry.evaluation
     facts = [
         f"File `{entry.stem}.json`, protocol `{found.protocol.name}`, hand `{found.hand}`, {found.n} trials, "
@@ -208,6 +209,7 @@ def _model_section(entry: _Entry) -> str:
             _breakdown("grasp type", {**found.by_type, "all": found.total}),
             _breakdown("object", {**found.by_object, "all": found.total}),
             _matrix(found),
+            *gallery.show(heat_map_name(entry.stem), f"Success of {entry.label} on every object with every grasp type"),
         ]
     )
 
@@ -230,15 +232,9 @@ def _breakdown(kind: str, tallies: Mapping[str, Tally]) -> str:
 
 def _matrix(found: Evaluation) -> str:
     cells = {(cell.object_label, cell.grasp_type): cell for cell in found.cells}
-    rows = [[label, *(_pair(cells.get((label, kind))) for kind in found.by_type)] for label in found.by_object]
-    intervals = [interval for cell in found.cells for interval in (cell.held_rate, cell.faithful_rate)]
-    widest = max((interval.high - interval.low) / 2 for interval in intervals)
+    rows = [[label, *(pair(cells.get((label, kind))) for kind in found.by_type)] for label in found.by_object]
     text = (
         f"Held % / faithful % of each object and type under protocol `{found.protocol.name}`, {found.per_cell} trials "
-        f"each; the widest of these 95 % intervals reaches {percent(widest)} points to either side of its middle:"
+        f"each; the widest of these 95 % intervals reaches {widest(found.cells)} points to either side of its middle:"
     )
     return text + "\n\n" + table(("object", *found.by_type), rows)
-
-
-def _pair(cell: Tally | None) -> str:
-    return MISSING if cell is None else f"{percent(cell.held_rate.rate)} / {percent(cell.faithful_rate.rate)}"

@@ -1,0 +1,151 @@
+"""The paper's experiment as it was run here: evaluations by model and training seed, read from one folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from ..errors import FileFormatError
+from .curves import TrainingCurves, read_training
+from .markdown import plain
+from .measurements import spread
+from .published import FULL_MODEL, PAPER_MODELS
+from .record import Evaluation, pool
+
+PAPER_FOLDER = "paper"
+"""Folder of the experiment beside the other evaluations."""
+EXPERIMENTS_FOLDER, TRAINING_FOLDER, NOTES_FILE = "experiments", "training", "notes.md"
+
+# A retrained model differs in these without being another model.
+_INCIDENTAL = ("versions.", "final_loss.", "config.training.seed", "config.training.threads")
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Hold the evaluations of one model, one for each training seed.
+
+    Attributes:
+        model: its name.
+        by_seed: evaluations by training seed; None is the seed of what is not trained, such as the heuristic.
+    """
+
+    model: str
+    by_seed: Mapping[int | None, Evaluation]
+
+    @cached_property
+    def pooled(self) -> Evaluation:
+        """Give the trials of all training seeds together, as one evaluation."""
+        return pool(list(self.by_seed.values()))
+
+    @property
+    def title(self) -> str:
+        """Name the model and, if there are several, the number of its training seeds."""
+        return self.model if len(self.by_seed) == 1 else f"{self.model}, {len(self.by_seed)} training seeds"
+
+
+@dataclass(frozen=True)
+class PaperRuns:
+    """Hold what the folder of the experiment holds.
+
+    Attributes:
+        runs: by model, in the order of the paper's tables; without those that were not run.
+        experiments: evaluations of other settings, by label.
+        training: training curves.
+        notes: text on what they show; empty without any.
+    """
+
+    runs: Mapping[str, Runs]
+    experiments: Mapping[str, Evaluation]
+    training: Sequence[TrainingCurves]
+    notes: str
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        """Give what all rates of the paper's models have in common; empty if none was run."""
+        return next((_conditions(runs.pooled) for runs in self.runs.values()), {})
+
+    def comparable(self, found: Evaluation) -> bool:
+        """Tell whether an experiment was evaluated under the conditions of the paper's models."""
+        return _conditions(found) == self.conditions
+
+
+def read_paper_runs(folder: Path | str) -> PaperRuns | None:
+    """Read the folder of the experiment.
+
+    Evaluations of the paper's models are its own JSON files, those of other settings lie in `experiments/` and training
+    curves in `training/`.
+
+    Returns:
+        What is there, in any state of completion; None where there is no folder.
+
+    Raises:
+        FileFormatError: a file is foreign; one of the models' is of no model of the paper, repeats a training seed, or
+            was run under other conditions than its neighbours.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        return None
+    found: dict[str, dict[int | None, Evaluation]] = {}
+    first: tuple[Path, dict[str, Any]] | None = None
+    for path in sorted(folder.glob("*.json")):
+        evaluation = Evaluation.load(path)
+        first = first or (path, _conditions(evaluation))
+        _check_conditions(path, evaluation, *first)
+        if evaluation.model not in PAPER_MODELS:
+            raise FileFormatError(
+                f"{path} is of {evaluation.model!r}, no model of the paper; valid: {', '.join(PAPER_MODELS)}"
+            )
+        seeds = found.setdefault(evaluation.model, {})
+        seed = training_seed(evaluation)
+        if seed in seeds:
+            raise FileFormatError(f"{path} repeats training seed {seed} of {evaluation.model}; trials count once")
+        seeds[seed] = evaluation
+    notes = folder / NOTES_FILE
+    return PaperRuns(
+        {name: Runs(name, dict(sorted(found[name].items(), key=_by_seed))) for name in PAPER_MODELS if name in found},
+        {_label(path): Evaluation.load(path) for path in sorted((folder / EXPERIMENTS_FOLDER).glob("*.json"))},
+        read_training(folder / TRAINING_FOLDER),
+        notes.read_text(encoding="utf-8").strip("\n") if notes.is_file() else "",
+    )
+
+
+def training_seed(found: Evaluation) -> int | None:
+    """Give the seed a model was trained with, None if its metadata tells none."""
+    seed = dict(spread(found.model_metadata)).get("config.training.seed")
+    return None if seed is None else int(seed)
+
+
+def metadata_differences(found: Evaluation, base: Evaluation) -> str:
+    """Word what a model was trained with where that differs from another; empty if it does not."""
+    ours, theirs = dict(spread(found.model_metadata)), dict(spread(base.model_metadata))
+    keys = [key for key in dict.fromkeys((*theirs, *ours)) if not key.startswith(_INCIDENTAL)]
+    return "; ".join(
+        f"{key} {plain(ours.get(key))} (`{FULL_MODEL}`: {plain(theirs.get(key))})"
+        for key in keys
+        if ours.get(key) != theirs.get(key)
+    )
+
+
+def _conditions(found: Evaluation) -> dict[str, Any]:
+    """Give all that must agree for two rates to be compared as two models."""
+    places = sorted((cell.object_label, cell.grasp_type) for cell in found.cells)
+    return {"hand": found.hand, "cells": places, **found.protocol.to_json()}
+
+
+def _check_conditions(path: Path, found: Evaluation, first: Path, usual: Mapping[str, Any]) -> None:
+    differing = [key for key, value in _conditions(found).items() if value != usual[key]]
+    if differing:
+        raise FileFormatError(
+            f"{path} and {first} differ in {', '.join(differing)}; one table needs one protocol, hand and set of cells"
+        )
+
+
+def _by_seed(item: tuple[int | None, Evaluation]) -> int:
+    return -1 if item[0] is None else item[0]
+
+
+def _label(path: Path) -> str:
+    return path.stem.replace("_", " ")

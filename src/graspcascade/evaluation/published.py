@@ -1,0 +1,108 @@
+"""What the paper reports: the rows and rates of its Tables I to III, and the orderings it draws from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+HEURISTIC = "heuristic"
+"""Name of the heuristic's evaluation, and stem of its file."""
+FULL_MODEL = "model3"
+"""The paper's own model: Model 3 of Table I, the von Mises-Fisher row of Table II, variant 1 of Table III."""
+
+
+@dataclass(frozen=True)
+class PaperRow:
+    """Hold one row of a table.
+
+    Attributes:
+        label: as the paper names it.
+        model: name of the factorization that reproduces it, or `HEURISTIC`.
+        success_percent: the paper's rate of successful grasps.
+    """
+
+    label: str
+    model: str
+    success_percent: float
+
+
+@dataclass(frozen=True)
+class PaperTable:
+    """Hold one table.
+
+    Attributes:
+        number: the paper's, in Roman figures.
+        question: what its rows are compared for.
+        contrast: what its rows differ in: the "stages" the distribution is divided into, the "head" that draws the
+            rotation, or what the position and rotation stages are "given".
+    """
+
+    number: str
+    question: str
+    contrast: Literal["stages", "head", "given"]
+    rows: tuple[PaperRow, ...]
+
+
+@dataclass(frozen=True)
+class Ordering:
+    """Hold a comparison that the paper draws from a table: one model's rate is above the other's."""
+
+    table: str
+    better: str
+    worse: str
+
+
+TABLES: tuple[PaperTable, ...] = (
+    PaperTable(
+        "I",
+        "one, two or three networks",
+        "stages",
+        (
+            PaperRow("Model 1", "model1", 76.89),
+            PaperRow("Model 2", "model2", 79.41),
+            PaperRow("Model 3", "model3", 90.90),
+            PaperRow("Heuristic", HEURISTIC, 58.10),
+        ),
+    ),
+    PaperTable(
+        "II",
+        "how the rotation is drawn",
+        "head",
+        (PaperRow("Model with NN", "plain_rotation", 86.57), PaperRow("Model with vMF", "model3", 90.90)),
+    ),
+    PaperTable(
+        "III",
+        "what the position and rotation networks are given",
+        "given",
+        (
+            PaperRow("Variant 1", "model3", 90.90),
+            PaperRow("Variant 2", "variant2", 90.57),
+            PaperRow("Variant 3", "variant3", 90.36),
+            PaperRow("Variant 4", "variant4", 91.54),
+            PaperRow("Variant 5", "variant5", 81.68),
+            PaperRow("Variant 6", "variant6", 90.78),
+            PaperRow("Variant 7", "variant7", 71.77),
+        ),
+    ),
+)
+"""The paper's section V, each rate over 27,000 grasps: 500 for each of nine objects and six types."""
+
+SUCCESS_PERCENT = {row.model: row.success_percent for table in TABLES for row in table.rows}
+"""The paper's rate of each model."""
+PAPER_MODELS = (HEURISTIC, *(name for name in SUCCESS_PERCENT if name != HEURISTIC))
+"""The heuristic and the ten models, in the tables' order."""
+MAIN_MODELS = tuple(name for name in PAPER_MODELS if name in {row.model for row in TABLES[0].rows})
+"""The heuristic and the ways of dividing the distribution, Table I."""
+
+_INFORMED = ("model3", "variant2", "variant3", "variant4", "variant6")
+ORDERINGS: tuple[Ordering, ...] = (
+    Ordering("I", "model3", "model2"),
+    Ordering("I", "model2", "model1"),
+    Ordering("I", "model1", HEURISTIC),
+    Ordering("II", "model3", "plain_rotation"),
+    *(Ordering("III", name, "variant5") for name in _INFORMED),
+    *(Ordering("III", name, "variant7") for name in (*_INFORMED, "variant5")),
+    Ordering("III", "variant4", "model3"),
+)
+"""What section V concludes: each division and the distribution on rotations help, variant 7 is worst, variant 5 next to
+it, and variant 4 best."""

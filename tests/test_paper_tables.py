@@ -1,0 +1,400 @@
+"""The paper's experiment on the results page: its rates beside ours, orderings judged by intervals, training curves."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from graspcascade.cascade import FACTORIZATIONS, GraspSampler
+from graspcascade.errors import FileFormatError
+from graspcascade.evaluation import Evaluation, newcombe, report
+from graspcascade.evaluation.curves import TrainingCurves, read_training
+from graspcascade.evaluation.figures import paper_figures, training_figure
+from graspcascade.evaluation.markdown import points
+from graspcascade.evaluation.paper_runs import metadata_differences, read_paper_runs, training_seed
+from graspcascade.evaluation.paper_tables import judge
+from graspcascade.evaluation.published import HEURISTIC, ORDERINGS, PAPER_MODELS, SUCCESS_PERCENT, TABLES
+from graspcascade.evaluation.record import pool
+from graspcascade.nets import EpochRecord
+from graspcascade.trials import PAPER
+from test_evaluation import counts, evaluation, words
+from test_pictures import MAX_BYTES, needs_drawing
+
+
+def trained(model: str, training_seed: int, held_share: float, seed: int = 0, **changes: Any) -> Evaluation:
+    metadata = {"config": {"training": {"epochs": 80, "seed": training_seed}}, "learned_from": 40_000}
+    return evaluation(model, seed, 40, held_share, model_metadata=metadata, **changes)
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """Make up evaluations of some models: model2 far below model1, model1's seeds far apart, the heuristic worst."""
+    folder = tmp_path / "results"
+    evaluation().save(folder / "heuristic.json")
+    paper = folder / "paper"
+    evaluation(HEURISTIC, 1, 40, 0.2).save(paper / "heuristic.json")
+    for seed in (0, 1, 2):
+        trained("model3", seed, 0.9, seed + 2).save(paper / f"model3_seed{seed}.json")
+        trained("model1", seed, (0.95, 0.6, 0.6)[seed], seed + 5).save(paper / f"model1_seed{seed}.json")
+    trained("model2", 0, 0.4, 8).save(paper / "model2.json")
+    trained("variant4", 0, 0.9, 4).save(paper / "variant4.json")
+    return folder
+
+
+def page(results: Path) -> str:
+    report(results, results.parent / "results.md")
+    return (results.parent / "results.md").read_text()
+
+
+def section(text: str, heading: str) -> str:
+    return text.split(f"\n### {heading}\n")[1].split("\n## ")[0].split("\n### ")[0]
+
+
+def row(text: str, *begins: str) -> list[str]:
+    """Find the one table row that begins with these cells."""
+    rows = [[cell.strip() for cell in line.split(" | ")] for line in text.replace("\\|", "/").splitlines()]
+    found = [cells for cells in rows if [cells[0].removeprefix("| "), *cells[1 : len(begins)]] == list(begins)]
+    assert len(found) == 1, (begins, found)
+    return [cells.removeprefix("| ").removesuffix(" |") for cells in found[0]]
+
+
+def curves_json(model: str, seed: int = 0, epochs: int = 20, **stages: float) -> dict[str, Any]:
+    fall = [[last + 100.0 / n**2 for n in range(1, epochs + 1)] for last in stages.values()]
+    return {
+        "factorization": model,
+        "seed": seed,
+        "stages": {
+            name: {
+                "epoch": list(range(1, epochs + 1)),
+                "train_loss": curve,
+                "train_reconstruction": curve,
+                "train_kl": curve,
+                "validation_loss": [value + 0.5 for value in curve],
+            }
+            for name, curve in zip(stages, fall, strict=True)
+        },
+    }
+
+
+def save_curves(results: Path, name: str, data: Any) -> Path:
+    path = results / "paper" / "training" / f"{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(data))
+    return path
+
+
+# --- the paper's own figures
+
+
+def test_the_tables_name_every_model_of_the_paper_once_for_each_of_their_rows() -> None:
+    assert {name for name in FACTORIZATIONS if name != "model3_opposition_frame"} == set(PAPER_MODELS) - {HEURISTIC}
+    assert [len(table.rows) for table in TABLES] == [4, 2, 7]
+    for table in TABLES:
+        for one in table.rows:
+            assert one.success_percent == SUCCESS_PERCENT[one.model]
+            assert one.model == HEURISTIC or f"Table {table.number}" in FACTORIZATIONS[one.model].source.replace(
+                "Tables I and II", "Table I and Table II"
+            )
+
+
+@pytest.mark.parametrize("ordering", ORDERINGS)
+def test_the_paper_bears_out_its_orderings(ordering: Any) -> None:
+    assert SUCCESS_PERCENT[ordering.better] > SUCCESS_PERCENT[ordering.worse]
+
+
+# --- counting and judging
+
+
+def test_pooled_counts_are_sums() -> None:
+    parts = [evaluation("model1", seed, 10 + seed, 0.7) for seed in range(3)]
+    found = pool(parts)
+    assert found.n == sum(part.n for part in parts)
+    assert found.total.faithful == sum(part.total.faithful for part in parts)
+    for number, cell in enumerate(found.cells):
+        assert cell.verdicts == {v: sum(part.cells[number].verdicts[v] for part in parts) for v in cell.verdicts}
+    assert Evaluation.from_json(json.loads(json.dumps(found.to_json()))) == found
+
+
+def test_pooling_one_changes_nothing_and_other_cells_are_refused() -> None:
+    one = evaluation()
+    assert pool([one]) == one
+    for others in ([], [one, replace(one, cells=one.cells[1:])]):
+        with pytest.raises(ValueError, match="same cells"):
+            pool(others)
+
+
+@given(counts, counts, st.floats(0.001, 0.5))
+def test_a_verdict_follows_the_interval(one: tuple[int, int], other: tuple[int, int], claim: float) -> None:
+    difference = newcombe(*one, *other)
+    said, turned = judge(difference, claim), judge(newcombe(*other, *one), claim)
+    if difference.low > 0:
+        assert said == "reproduced"
+        assert turned == f"not reproduced, difference {points(newcombe(*other, *one))}"
+    elif difference.high >= 0:
+        assert said.startswith("undecided")
+        assert ("smaller than the paper's" in said) == (difference.high < claim)
+
+
+# --- the section
+
+
+def test_without_the_experiment_the_page_says_nothing_of_it(results: Path) -> None:
+    (results / "paper").rename(results.parent / "elsewhere")
+    assert "The paper's experiment" not in page(results)
+
+
+def test_what_was_not_run_is_said_to_be_so(results: Path) -> None:
+    (results / "paper").rename(results.parent / "elsewhere")
+    (results / "paper").mkdir()
+    text = page(results)
+    for table in TABLES:
+        for one in table.rows:
+            cells = row(text.split(f"### Table {table.number}:")[1].split("\n### ")[0], one.label)
+            assert cells[3:5] == [f"{one.success_percent:.2f}", "not yet run"]
+    assert f"Of {len(ORDERINGS)} orderings: {len(ORDERINGS)} not yet run." in text
+
+
+def test_a_row_has_the_papers_rate_ours_and_the_trials(results: Path) -> None:
+    text = page(results)
+    runs = read_paper_runs(results / "paper")
+    assert runs is not None
+    for table in TABLES:
+        here = text.split(f"### Table {table.number}:")[1].split("\n### ")[0]
+        for one in table.rows:
+            cells = row(here, one.label, f"`{one.model}`")
+            if one.model in runs.runs:
+                found, full = runs.runs[one.model].pooled, runs.runs["model3"].pooled.total
+                ours = [words(found.held), words(found.faithful), str(found.n)]
+                assert cells[3:7] == [f"{one.success_percent:.2f}", *ours]
+                if one.model != "model3":
+                    assert cells[7] == points(found.total.held_over(full))
+                    assert cells[8] == points(found.total.faithful_over(full))
+            else:
+                assert cells[4] == "not yet run"
+
+
+def test_rows_say_what_the_networks_are_given_as_the_paper_does(results: Path) -> None:
+    text = page(results)
+    assert row(text, "Model 1")[2] == "P(Gc, Gpos, Grot / Gt, Gs, Ot, Os)"
+    assert row(text, "Variant 3")[2] == "position: Gc, Gt, Gs, Ot; rotation: Gpos, Gc, Gt, Ot, Os"
+    assert row(text, "Variant 7")[2] == "position: Gc, Gt, Gs, Os; rotation: Gpos, Gc, Gt, Gs, Os"
+    assert row(text, "Model with NN")[2] != row(text, "Model with vMF")[2]
+
+
+def test_orderings_are_judged_by_intervals_and_seeds(results: Path) -> None:
+    here = section(page(results), "The paper's orderings")
+    runs = read_paper_runs(results / "paper")
+    assert runs is not None
+
+    def found(better: str, worse: str) -> list[str]:
+        table = next(o.table for o in ORDERINGS if (o.better, o.worse) == (better, worse))
+        return row(here, table, f"`{better}` > `{worse}`")
+
+    assert found("model3", "model2")[2:4] == ["reproduced", "+11.49"]
+    assert found("model3", "model2")[6] == "3 of 3"
+    difference = points(runs.runs["model2"].pooled.total.held_over(runs.runs["model1"].pooled.total))
+    assert found("model2", "model1")[2] == f"not reproduced, difference {difference}"
+    assert found("model2", "model1")[4] == difference
+    assert found("variant4", "model3")[2].startswith("undecided")
+    assert found("model3", "plain_rotation")[2:] == ["not yet run", "+4.33", "—", "—", "—"]
+    trained("model2", 0, 0.65, 8).save(results / "paper" / "model2.json")
+    trained("model1", 1, 0.1, 6).save(results / "paper" / "model1_seed1.json")
+    here = section(page(results), "The paper's orderings")
+    assert found("model2", "model1")[2] == "reproduced, but not by every pair of seeds"
+    assert found("model2", "model1")[6] == "2 of 3"
+
+
+def test_every_training_seed_has_its_rate_and_the_spread_is_told(results: Path) -> None:
+    here = section(page(results), "Training seeds")
+    rates = []
+    for seed in range(3):
+        one = Evaluation.load(results / "paper" / f"model1_seed{seed}.json")
+        assert row(here, "`model1`", str(seed))[2:] == [str(one.n), words(one.held), words(one.faithful)]
+        rates.append(one.held.rate)
+    assert row(here, "`model1`", "all")[2] == str(3 * 54 * 40)
+    assert f"{100 * min(rates):.1f} to {100 * max(rates):.1f}" in row(here, "`model1`", "3")
+    assert "`model2`" not in here
+
+
+def test_breakdowns_have_every_model_by_object_and_type(results: Path) -> None:
+    here = section(page(results), "Success by object and by grasp type")
+    objects, types = (text for text in here.split("\n\n") if text.startswith("| model"))
+    runs = read_paper_runs(results / "paper")
+    assert runs is not None
+    for name, run in runs.runs.items():
+        for text, split in ((objects, run.pooled.by_object), (types, run.pooled.by_type)):
+            assert row(text, f"`{name}`")[1:] == [
+                f"{100 * tally.held_rate.rate:.1f} / {100 * tally.faithful_rate.rate:.1f}" for tally in split.values()
+            ]
+
+
+def test_models_trained_otherwise_are_named(results: Path) -> None:
+    assert "trained on the same data with the same settings" in section(page(results), "Settings")
+    longer = trained("variant4", 0, 0.9, 4)
+    longer = replace(
+        longer, model_metadata={"config": {"training": {"epochs": 160, "seed": 0}}, "learned_from": 40_000}
+    )
+    longer.save(results / "paper" / "variant4.json")
+    assert row(section(page(results), "Settings"), "`variant4`", "0")[2] == "config.training.epochs 160 (`model3`: 80)"
+
+
+def test_a_training_seed_alone_is_no_difference() -> None:
+    one, other = trained("model1", 0, 0.5), trained("model1", 7, 0.6)
+    assert (training_seed(one), training_seed(other), training_seed(evaluation())) == (0, 7, None)
+    assert metadata_differences(one, other) == ""
+
+
+def test_experiments_are_compared_with_model3_under_the_same_conditions_only(results: Path) -> None:
+    folder = results / "paper" / "experiments"
+    better = trained("model3", 0, 0.97, 11)
+    better.save(folder / "wider_networks.json")
+    slippery = replace(PAPER, name="slippery", friction=0.5)
+    trained("model3", 0, 0.5, 12, protocol=slippery).save(folder / "slippery.json")
+    here = section(page(results), "Experiments")
+    runs = read_paper_runs(results / "paper")
+    assert runs is not None
+    over = points(better.total.held_over(runs.runs["model3"].pooled.total))
+    assert row(here, "wider networks")[3:8] == [
+        "`paper`",
+        str(better.n),
+        words(better.held),
+        words(better.faithful),
+        over,
+    ]
+    assert row(here, "slippery")[3] == "`slippery`"
+    assert row(here, "slippery")[7:] == ["—", "—"]
+
+
+def test_notes_on_the_orderings_are_taken_over(results: Path) -> None:
+    (results / "paper" / "notes.md").write_text("Because | of *that*.\n")
+    assert section(page(results), "What the orderings show").strip() == "Because | of *that*."
+
+
+def test_the_same_files_give_the_same_page(results: Path) -> None:
+    save_curves(results, "model3", curves_json("model3", posture=8.0, position=0.1, rotation=-9.0))
+    assert page(results) == page(results)
+
+
+def with_another_protocol(folder: Path) -> None:
+    trained("model2", 1, 0.9, protocol=replace(PAPER, friction=0.5)).save(folder / "other.json")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "word"),
+    [
+        (with_another_protocol, "friction"),
+        (lambda folder: trained("model3", 2, 0.9, 77).save(folder / "other.json"), "repeats training seed 2"),
+        (lambda folder: evaluation(HEURISTIC, 77).save(folder / "other.json"), "repeats"),
+        (lambda folder: trained("model3_opposition_frame", 0, 0.9).save(folder / "other.json"), "valid: heuristic"),
+        (lambda folder: (folder / "other.json").write_text('{"rate": 0.9}'), "not an evaluation"),
+    ],
+)
+def test_files_that_do_not_belong_in_one_table_are_refused(
+    results: Path, spoil: Callable[[Path], object], word: str
+) -> None:
+    before = page(results)
+    spoil(results / "paper")
+    with pytest.raises(FileFormatError, match=word) as refusal:
+        report(results, results.parent / "results.md")
+    assert "other.json" in str(refusal.value)
+    assert (results.parent / "results.md").read_text() == before
+
+
+# --- training curves
+
+
+def test_curves_are_read_as_training_writes_them(tmp_path: Path) -> None:
+    fit = pytest.importorskip("graspcascade.cascade.fit")
+    sampler = GraspSampler.pretrained()
+    records = tuple(EpochRecord(n, 3, 1e-3, 9.0 - n, 8.0 - n, 1.0, None if n < 3 else 5.0, 1.0) for n in (1, 2, 3))
+    fit.FittedCascade(sampler, {stage.name: records for stage in sampler.factorization.stages}).save(tmp_path)
+    found = TrainingCurves.load(tmp_path / fit.TRAINING_FILE)
+    assert (found.model, found.seed) == ("model3", sampler.metadata["config"]["training"]["seed"])
+    assert list(found.stages) == ["posture", "position", "rotation"]
+    curves = found.stages["rotation"]
+    assert curves.epoch == (1, 2, 3)
+    assert curves.train_loss == (8.0, 7.0, 6.0)
+    assert curves.validation_loss == (None, None, 5.0)
+
+
+def test_the_last_epoch_of_every_stage_is_on_the_page(results: Path) -> None:
+    save_curves(results, "plain_seed1", curves_json("plain_rotation", 1, rotation=0.25))
+    data = curves_json("model3", epochs=10, rotation=-9.0)
+    data["stages"]["rotation"]["validation_loss"] = [None] * 10
+    save_curves(results, "model3", data)
+    here = section(page(results), "Training curves")
+    assert row(here, "`model3`", "rotation")[2:] == ["0", "10", "-8", "-8", "-8", "—"]
+    assert row(here, "`plain_rotation`", "rotation, plain output")[2:] == ["1", "20", "0.5", "0.5", "0.5", "1"]
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda data: data.pop("seed"),
+        lambda data: data.pop("stages"),
+        lambda data: data["stages"].clear(),
+        lambda data: data["stages"]["posture"].pop("train_kl"),
+        lambda data: data["stages"]["posture"]["train_kl"].pop(),
+        lambda data: data["stages"]["posture"].update(train_loss=[float("nan")] * 20),
+        lambda data: data["stages"]["posture"].update(train_loss=["low"] * 20),
+        lambda data: data.update(stages=[1]),
+    ],
+)
+def test_foreign_curves_are_refused(results: Path, spoil: Callable[[dict[str, Any]], object]) -> None:
+    data = curves_json("model3", posture=8.0)
+    path = save_curves(results, "model3", data)
+    assert read_training(path.parent)[0].model == "model3"
+    spoil(data)
+    save_curves(results, "model3", data)
+    with pytest.raises(FileFormatError, match=r"model3\.json"):
+        read_training(path.parent)
+
+
+# --- pictures
+
+
+@needs_drawing
+def test_the_experiments_figures_are_drawn(results: Path, tmp_path: Path) -> None:
+    save_curves(results, "model3", curves_json("model3", posture=8.0, position=1e-4, rotation=-9.0))
+    written = paper_figures(results, tmp_path / "figures")
+    names = ["success_paper_heuristic", "success_paper_model1", "success_paper_model2", "success_paper_model3"]
+    assert [path.name for path in written] == [f"{name}.png" for name in (*names, "training_curves")]
+    assert all(0 < path.stat().st_size < MAX_BYTES for path in written)
+    text = page(results)
+    for path in written:
+        assert f"](figures/{path.name})" in text
+
+
+def test_without_the_experiment_nothing_is_drawn(tmp_path: Path) -> None:
+    assert paper_figures(tmp_path, tmp_path / "figures") == []
+    assert not (tmp_path / "figures").exists()
+
+
+def test_pictures_are_shown_where_they_are_drawn_or_found(results: Path) -> None:
+    assert "![" not in page(results)
+    report(results, results.parent / "docs" / "results.md", results.parent / "pictures")
+    text = (results.parent / "docs" / "results.md").read_text()
+    for name in ("success_heuristic", "success_paper_model2", "pose_frames"):
+        assert f"](../pictures/{name}.png)" in text
+    assert "training_curves.png" not in text
+
+
+@needs_drawing
+def test_equal_curves_share_a_line_and_scales_that_differ_have_panels_of_their_own(results: Path) -> None:
+    for name, rotation in (("model3", -9.0), ("variant4", -8.0), ("plain_rotation", 0.1)):
+        save_curves(results, name, curves_json(name, posture=8.0, rotation=rotation))
+    save_curves(results, "model1", curves_json("model1", grasp=8.0))
+    figure = training_figure(read_training(results / "paper" / "training"))
+    lines = {axes.get_title(): sum(len(line.get_xdata()) > 0 for line in axes.lines) for axes in figure.axes}
+    # A solid and a dotted line for each curve.
+    assert lines == {"grasp": 2, "posture": 2, "rotation": 4, "rotation, plain output": 2}
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "model1", "model3", "plain_rotation", "variant4",
+    ]  # fmt: skip
+    posture = next(axes for axes in figure.axes if axes.get_title() == "posture")
+    assert "plain_rotation, variant4" in posture.texts[0].get_text()
