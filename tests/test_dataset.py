@@ -285,6 +285,16 @@ def test_only_unfinished_cells_are_drawn(hand: HandModel, prior: PosturePrior, s
         np.testing.assert_array_equal(drawn, before.held < 1)
 
 
+def test_a_cell_that_never_holds_is_given_up(
+    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+) -> None:
+    spec = CollectionSpec(trials_per_cell=0, successes_per_cell=50, most_trials_per_cell=5, round_per_cell=2, seed=3)
+    end = collect(hand, prior, spec, tmp_path / "data", protocol=short)
+    np.testing.assert_array_equal(end.trials, 6)
+    assert end.short(spec).size == len(FEW_CELLS)
+    assert not end.unfinished(spec).size
+
+
 # Refusals
 
 
@@ -389,6 +399,7 @@ def test_a_shard_without_a_column_is_refused_by_the_columns_name(copy: Path) -> 
         {"trials_per_cell": -1},
         {"successes_per_cell": -1},
         {"round_per_cell": 0},
+        {"most_trials_per_cell": -1},
         {"trials_per_cell": 0, "successes_per_cell": 0},
     ],
 )

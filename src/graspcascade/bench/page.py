@@ -180,7 +180,31 @@ def _scaling(found: Json) -> str:
     return "\n\n".join([_machine(found["environment"]), table(header, rows, text_columns=0)])
 
 
-_MAKERS: Mapping[str, Callable[[Json], str]] = {"bench": _bench, "collection_scaling": _scaling}
+def _trial_speed(found: Json) -> str:
+    ladder = table(
+        ("means, each on top of those before", "trials/s"),
+        [[row["means"], f"{row['trials_per_s']:.1f}"] for row in found["ladder"]],
+        text_columns=1,
+    )
+    parts = [key for key in found["step"][0] if key.endswith("_us")]
+    step = table(
+        ("scene", "degrees of freedom", "contacts", *(f"`mj_{part.removesuffix('_us')}`" for part in parts)),
+        [
+            [row["scene"], str(row["dofs"]), f"{row['contacts']:.1f}", *(f"{row[part]:.1f}" for part in parts)]
+            for row in found["step"]
+        ],
+        text_columns=1,
+    )
+    settings = f"{found['trials']} screened candidates, median of {found['repetitions']} repetitions in turn."
+    unit = "Microseconds of the parts of one step while an object is held, one thread:"
+    return "\n\n".join([_machine(found["environment"]), settings, ladder, unit, step])
+
+
+_MAKERS: Mapping[str, Callable[[Json], str]] = {
+    "bench": _bench,
+    "collection_scaling": _scaling,
+    "trial_speed": _trial_speed,
+}
 """What each block is made by."""
 
 

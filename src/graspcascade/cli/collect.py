@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..dataset import CollectionSpec, collect
-from ..dataset.collect import CollectionState
+from ..dataset.collect import CELLS, CollectionState
 from ..hands import shadow_hand
 from ..objects import CATALOGUE
 from ..postures import PosturePrior
@@ -59,12 +59,16 @@ class Collect:
         trials, held, faithful = (int(counts.sum()) for counts in (state.trials, state.held, state.faithful))
         if self.json:
             counts = {"rounds": state.rounds, "trials": trials, "held": held, "faithful": faithful}
+            counts["cells_given_up"] = len(state.short(self.spec))
             print_json({"out": str(self.out), "protocol": "paper", **counts, "collection": asdict(self.spec)})
         else:
             print(
                 f"{self.out}: {trials} screened trials under protocol paper, {held} held ({_rate(state)}), "
                 f"{faithful} type-faithful"
             )
+            given_up = [f"{CELLS[cell][0]}/{CELLS[cell][1]}" for cell in state.short(self.spec)]
+            if given_up:
+                print(f"given up after {self.spec.most_trials_per_cell} trials: {', '.join(given_up)}")
 
     @property
     def _goal(self) -> tuple[str, int]:

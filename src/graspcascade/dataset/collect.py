@@ -44,6 +44,8 @@ class CollectionSpec:
     """Trials for each object and type; 0 asks for none."""
     successes_per_cell: int = 0
     """Held grasps for each object and type; 0 asks for none."""
+    most_trials_per_cell: int = 0
+    """A cell is given up after so many trials, whatever it lacks; 0 for never. Some cells hardly ever hold."""
     round_per_cell: int = 200
     """Trials of an unfinished cell in one round; a round is one shard and all that an interruption can lose."""
     seed: int = 0
@@ -55,7 +57,7 @@ class CollectionSpec:
         Raises:
             InputError: a count is negative, a round is empty or nothing is asked for.
         """
-        if min(self.trials_per_cell, self.successes_per_cell) < 0 or self.round_per_cell < 1:
+        if min(self.trials_per_cell, self.successes_per_cell, self.most_trials_per_cell) < 0 or self.round_per_cell < 1:
             raise InputError("trials and successes per cell must not be negative and a round needs at least 1 trial")
         if self.trials_per_cell == 0 and self.successes_per_cell == 0:
             raise InputError("nothing to collect: give trials_per_cell or successes_per_cell")
@@ -70,10 +72,14 @@ class CollectionState:
     held: NDArray[np.int64]
     faithful: NDArray[np.int64]
 
+    def short(self, spec: CollectionSpec) -> NDArray[np.int64]:
+        """Give the indices in `CELLS` of those that lack trials or successes."""
+        return np.flatnonzero((self.trials < spec.trials_per_cell) | (self.held < spec.successes_per_cell))
+
     def unfinished(self, spec: CollectionSpec) -> NDArray[np.int64]:
-        """Give the indices in `CELLS` of those that still need trials."""
-        short = (self.trials < spec.trials_per_cell) | (self.held < spec.successes_per_cell)
-        return np.flatnonzero(short)
+        """Give the indices in `CELLS` of those that still get trials: short of something, and not given up."""
+        short, most = self.short(spec), spec.most_trials_per_cell
+        return short[self.trials[short] < most] if most else short
 
 
 def collect(
