@@ -1,4 +1,4 @@
-"""The machine underneath: its processors, and the memory that a process has needed."""
+"""The machine underneath: its processors, the memory that a process has needed, and what child processes inherit."""
 
 from __future__ import annotations
 
@@ -35,3 +35,13 @@ def peak_rss_mb(max_rss: int | None = None) -> float:
 def processors() -> int:
     """Count the processors that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
+def child_environment(**variables: str) -> dict[str, str]:
+    """Give the environment for a Python process that finds the packages of this one.
+
+    Args:
+        variables: to set beside it.
+    """
+    path = os.pathsep.join(str(Path(folder).absolute()) for folder in sys.path)
+    return os.environ | {"PYTHONPATH": path} | variables

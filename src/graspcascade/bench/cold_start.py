@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from .environment import child_environment
+from ..machine import child_environment
 from .spread import Spread
 
 COMMAND = ("sample", "tripod", "box_medium", "--side-cm", "3")

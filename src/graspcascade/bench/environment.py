@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-import sys
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
 
 from ..dataset.collect import versions
@@ -33,13 +31,3 @@ def environment(threads: int) -> dict[str, Any]:
         "system": platform.system(),
         "versions": found,
     }
-
-
-def child_environment(**variables: str) -> dict[str, str]:
-    """Give the environment for a Python process that finds the packages of this one.
-
-    Args:
-        variables: to set beside it.
-    """
-    path = os.pathsep.join(str(Path(folder).absolute()) for folder in sys.path)
-    return os.environ | {"PYTHONPATH": path} | variables

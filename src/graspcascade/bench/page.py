@@ -119,38 +119,22 @@ def _ratios(found: Json) -> str:
     rows = []
     if "sampling" in found:
         part = found["sampling"]
-        rows.append(
-            [
-                f"{part['grasps']} grasps after loading, one core",
-                part["yardstick"],
-                f"{_between(part['ms'])} ms",
-                f"{_between(part['yardstick_ms'])} ms",
-                f"{part['ratio']:.2f}",
-            ]
-        )
+        takes = f"{_between(part['ms'])} ms", f"{_between(part['yardstick_ms'])} ms"
+        rows.append(_ratio(f"{part['grasps']} grasps after loading, one core", part["yardstick"], takes, part))
     if "cold_start" in found:
         part = found["cold_start"]
-        rows.append(
-            [
-                f"`{part['command']}`, start to finish",
-                f"`{part['yardstick']}`",
-                f"{_between(part['s'])} s",
-                f"{_between(part['yardstick_s'])} s",
-                f"{part['ratio']:.2f}",
-            ]
-        )
+        takes = f"{_between(part['s'])} s", f"{_between(part['yardstick_s'])} s"
+        rows.append(_ratio(f"`{part['command']}`, start to finish", f"`{part['yardstick']}`", takes, part))
     if "training" in found:
         part = found["training"]
-        rows.append(
-            [
-                f"training of `{part['factorization']}` on {part['rows']} grasps",
-                part["yardstick"],
-                f"{part['s']:.1f} s",
-                f"{part['yardstick_s']:.1f} s",
-                f"{part['ratio']:.2f}",
-            ]
-        )
+        takes = f"{part['s']:.1f} s", f"{part['yardstick_s']:.1f} s"
+        what = f"training of `{part['factorization']}` on {part['rows']} grasps"
+        rows.append(_ratio(what, part["yardstick"], takes, part))
     return table(("what", "yardstick", "takes", "yardstick takes", "ratio"), rows, text_columns=2)
+
+
+def _ratio(what: str, yardstick: str, takes: tuple[str, str], part: Json) -> list[str]:
+    return [what, yardstick, *takes, f"{part['ratio']:.2f}"]
 
 
 def _training_settings(part: Json) -> str:

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from ..cascade import GraspSampler
+from ..machine import child_environment
 from ..nets import NumpyDecoder
 from ..objects import CATALOGUE
 from ..taxonomy import GRASP_TYPES
-from .environment import child_environment
 from .spread import Spread
 
 GRASPS = 1000

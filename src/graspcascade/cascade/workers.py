@@ -16,12 +16,11 @@ import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
 from queue import SimpleQueue
 from typing import IO, Any, TypeVar
 
 from ..errors import InputError
-from ..machine import processors
+from ..machine import child_environment, processors
 
 Result = TypeVar("Result")
 Report = TypeVar("Report")
@@ -124,12 +123,11 @@ class _Crew:
             if self._ended:
                 raise RuntimeError("no process is started any more")
             # The package is found where it was found here, and never in a working directory that happens to be.
-            path = os.pathsep.join(str(Path(folder).absolute()) for folder in sys.path)
             process = subprocess.Popen(
                 [sys.executable, "-P", "-c", _SERVE],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                env=os.environ | {"PYTHONPATH": path},
+                env=child_environment(),
             )
             self._processes.append(process)
             return process
