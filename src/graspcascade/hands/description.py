@@ -57,6 +57,10 @@ class HandDescription:
     pregrasp_rad: Mapping[str, float] = field(default_factory=dict)
     prefix: str = ""
 
+    def __hash__(self) -> int:
+        """Hash what tells hands apart, so that what is built for a hand can be kept by it."""
+        return hash((self.name, self.mjcf, self.prefix))
+
     def with_model(self, mjcf: Path | str, name: str, prefix: str) -> HandDescription:
         """Describe another MJCF of the same hand, such as one with meshes, whose bodies share our frames."""
         return replace(self, mjcf=Path(mjcf), name=name, prefix=prefix)

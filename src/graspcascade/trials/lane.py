@@ -266,26 +266,9 @@ def _shared_addresses(model: Any, larger: Any) -> _Addresses:
     return qpos, dofs, controls
 
 
-class _ByName:
-    """Make a hand description, which holds dictionaries, usable as a cache key."""
-
-    def __init__(self, hand: HandDescription) -> None:
-        self.hand = hand
-
-    def __hash__(self) -> int:
-        return hash((self.hand.name, self.hand.mjcf, self.hand.prefix))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByName) and self.hand == other.hand
-
-
+@lru_cache(maxsize=128)
 def trial_scene(
     hand: HandDescription, label: str, protocol: Protocol, reduced: bool, without: tuple[str, ...] = ()
 ) -> Scene:
     """Build a scene, or give the one built before from the same arguments."""
-    return _scene(_ByName(hand), label, protocol, reduced, without)
-
-
-@lru_cache(maxsize=128)
-def _scene(hand: _ByName, label: str, protocol: Protocol, reduced: bool, without: tuple[str, ...]) -> Scene:
-    return build_scene(hand.hand, grasp_object(label), protocol, reduced=reduced, without=without)
+    return build_scene(hand, grasp_object(label), protocol, reduced=reduced, without=without)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -83,7 +84,7 @@ def build_scene(
         for name, value in contact.items():
             setattr(geom, name, value)
     if reduced:
-        _limit_collisions(spec, hand, contact | {"friction": [slide, slide, turn, roll, roll]})
+        _limit_collisions(spec, hand, without, contact | {"friction": [slide, slide, turn, roll, roll]})
     _add_sensors(spec, hand)
     return _locate(spec.compile(), hand)
 
@@ -163,19 +164,35 @@ def _digit_of_bodies(spec: Any, hand: HandDescription) -> dict[str, str]:
     return found
 
 
-def _limit_collisions(spec: Any, hand: HandDescription, contact: Mapping[str, Any]) -> None:
+def _limit_collisions(spec: Any, hand: HandDescription, without: Collection[str], contact: Mapping[str, Any]) -> None:
     """Test only the object with the hand, and digits that can reach each other."""
-    digits, owner = list(hand.digit_roots), _digit_of_bodies(spec, hand)
+    solid = _solid_geoms(spec)
+    obj = solid.pop(OBJECT)
+    touching = _touching_digits(hand, tuple(without))
+    declare(spec, [(obj, geom) for geom in solid.values()] + [(solid[a], solid[b]) for a, b in touching], contact)
+
+
+def _solid_geoms(spec: Any) -> dict[str, Any]:
+    """Find the geoms that can touch something, and name those that have no name."""
     solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
     for number, geom in enumerate(solid):
         geom.name = geom.name or f"solid_{number}"
+    return {geom.name: geom for geom in solid}
+
+
+@lru_cache(maxsize=32)
+def _touching_digits(hand: HandDescription, without: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    """Name the pairs of the hand's own geoms that can touch; the object has no say in it."""
+    spec = load_spec(hand)
+    _remove_wrist(spec, hand)
+    _remove_digits(spec, hand, without)
+    digits, owner = list(hand.digit_roots), _digit_of_bodies(spec, hand)
+    solid = _solid_geoms(spec)
     model = spec.compile()
-    by_id = {int(model.geom(geom.name).id): geom for geom in solid}
+    by_id = {int(model.geom(name).id): geom for name, geom in solid.items()}
     digit_of_geom = {i: digits.index(owner[g.parent.name]) for i, g in by_id.items() if g.parent.name in owner}
-    touching = reachable(model, digit_pairs(digit_of_geom, digits.index("thumb")))
-    obj = next(geom for geom in solid if geom.name == OBJECT)
-    wanted = [(obj, geom) for geom in solid if geom is not obj] + [(by_id[a], by_id[b]) for a, b in touching]
-    declare(spec, wanted, contact)
+    pairs = reachable(model, digit_pairs(digit_of_geom, digits.index("thumb")))
+    return tuple((by_id[a].name, by_id[b].name) for a, b in pairs)
 
 
 def _add_sensors(spec: Any, hand: HandDescription) -> None:
