@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..hands import HandDescription
+from .pairs import digit_of_geoms
 from .scene import OBJECT, Scene
 
 IDLE_SETS: tuple[tuple[str, ...], ...] = (("middle", "ring", "little"), ("ring", "little"))
@@ -59,7 +60,7 @@ class IdleFinder:
         self._reach = scene.model.geom_rbound[self._pairs].sum(axis=1)
         self._with_object = (self._pairs == scene.model.geom(OBJECT).id).any(axis=1)
         self._leave = np.where(self._with_object, _LEAVE_OBJECT_M, _LEAVE_DIGIT_M)
-        digit, order = _digit_of_geoms(scene, hand)[self._pairs], list(hand.digit_roots)
+        digit, order = digit_of_geoms(scene.model, hand)[self._pairs], list(hand.digit_roots)
         # The first bodies of neighbouring digits turn side by side about axes of their own and cannot meet.
         roots = [int(scene.model.body(hand.prefix + body).id) for body in hand.digit_roots.values()]
         side_by_side = np.isin(scene.model.geom_bodyid[self._pairs], roots).all(axis=1)
@@ -123,13 +124,3 @@ def object_moved(scene: Scene, a: NDArray[np.float64], b: NDArray[np.float64]) -
 def _boundary(digits: NDArray[np.int64], idle: Sequence[int]) -> NDArray[np.int64]:
     """Give the pairs of which exactly one geom belongs to an idle digit, from ``(n_pairs, 2)`` digits."""
     return np.flatnonzero(np.isin(digits, idle).sum(axis=1) == 1)
-
-
-def _digit_of_geoms(scene: Scene, hand: HandDescription) -> NDArray[np.int64]:
-    """Give the place of each geom's digit, -1 for what belongs to none."""
-    model = scene.model
-    roots = {int(model.body(hand.prefix + body).id): place for place, body in enumerate(hand.digit_roots.values())}
-    of_body = np.full(model.nbody, -1, dtype=np.int64)
-    for body in range(1, model.nbody):  # parents come before their children
-        of_body[body] = roots.get(body, of_body[model.body_parentid[body]])
-    return np.asarray(of_body[model.geom_bodyid])

@@ -85,8 +85,9 @@ class Lane:
             n_qpos=self.qpos.shape[1],
         )
 
-    def aim(self, pregrasp: NDArray[np.float64], posture: NDArray[np.float64]) -> None:
-        """Set what the hand closes from and to, ``(n, J)`` radians for all trials that may come."""
+    def aim(self, pregrasp: NDArray[np.float64], posture: NDArray[np.float64], labels: NDArray[Any]) -> None:
+        """Set what the hand closes from and to, ``(n, J)`` radians, and on which objects, for all trials to come."""
+        self._labels = labels
         low, high = self.scene.model.actuator_ctrlrange.T
         self._control_from, self._control_to = (
             np.clip(angles @ self.scene.control_map, low, high) for angles in (pregrasp, posture)
@@ -102,11 +103,11 @@ class Lane:
         """List the slots that hold none."""
         return np.flatnonzero(self.trial < 0)
 
-    def take(self, slots: Slots, trials: NDArray[Any], labels: NDArray[Any]) -> None:
+    def take(self, slots: Slots, trials: NDArray[Any]) -> None:
         """Give free slots new trials, at rest in the model's default state."""
         self.trial[slots] = trials
         self.batch.reset(ids=slots, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        for slot, label in zip(slots, labels, strict=True):
+        for slot, label in zip(slots, self._labels[trials], strict=True):
             self._objects.write(slot, str(label))
         self.ctrl[slots] = self._control_from[trials]
         self.gravity[slots] = 0.0
@@ -115,9 +116,9 @@ class Lane:
         if self._leaper is not None:
             self._leaper.start(slots)
 
-    def receive(self, slots: Slots, other: Lane, theirs: Slots, labels: NDArray[Any]) -> None:
+    def receive(self, slots: Slots, other: Lane, theirs: Slots) -> None:
         """Take over trials in the middle of their course from a lane whose scene has all that this one has."""
-        self.take(slots, other.trial[theirs], labels)
+        self.take(slots, other.trial[theirs])
         qpos, dofs, controls = self._addresses(other)
         self.qpos[slots] = other.qpos[theirs][:, qpos]
         self.qvel[slots] = other.qvel[theirs][:, dofs]

@@ -8,12 +8,24 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
+
+from ..hands import HandDescription
 
 _POSTURES = 400
 _CLEARANCE_M = 0.005
 """Geoms that stay farther apart than this in all of `_POSTURES` postures are taken never to touch."""
 
 Pair = tuple[int, int]
+
+
+def digit_of_geoms(model: Any, hand: HandDescription) -> NDArray[np.int64]:
+    """Give each geom's digit as its place among the hand's ``(n_geoms,)``, -1 for what belongs to none."""
+    place = {hand.prefix + body: place for place, body in enumerate(hand.digit_roots.values())}
+    of_body = np.full(model.nbody, -1, dtype=np.int64)
+    for body in range(1, model.nbody):  # parents come before their children
+        of_body[body] = place.get(model.body(body).name, of_body[model.body_parentid[body]])
+    return np.asarray(of_body[model.geom_bodyid])
 
 
 def digit_pairs(digit_of_geom: Mapping[int, int], thumb: int) -> list[Pair]:

@@ -178,7 +178,7 @@ class _Runner:
         self.to_grasps = np.argsort(order)
         self.pregrasp = self.hand_model.clip(grasps.pregrasp[:, order])
         for each in self.lanes:
-            each.aim(self.pregrasp, grasps.posture[:, order])
+            each.aim(self.pregrasp, grasps.posture[:, order], grasps.object_label)
         self.n_slots = n_slots
 
     @property
@@ -221,7 +221,7 @@ class _Runner:
     def _load(self, slots: Slots, trials: NDArray[Any]) -> int:
         """Place hand and object at the start; return how many trials failed by overlap."""
         lane = self.whole
-        lane.take(slots, trials, self.grasps.object_label[trials])
+        lane.take(slots, trials)
         lane.qpos[slots[:, None], lane.scene.joint_qpos] = self.pregrasp[trials]
         lane.qpos[slots, lane.object_position] = self.grasps.X_hand_object.position_m[trials]
         lane.qpos[slots, lane.object_quat] = self.grasps.X_hand_object.quat_wxyz[trials]
@@ -291,10 +291,9 @@ class _Runner:
         for lane, chosen in zip(self.without, leaving, strict=True):
             if chosen:
                 theirs, free = np.array(chosen), lane.free[: len(chosen)]
-                trials = self.whole.trial[theirs]
-                lane.receive(free, self.whole, theirs, self.grasps.object_label[trials])
+                lane.receive(free, self.whole, theirs)
                 lane.seen[free] = lane.qpos[free]
-                lane.slack_m[free] = [self.idle[trial][0].slack_m for trial in trials.tolist()]
+                lane.slack_m[free] = [self.idle[trial][0].slack_m for trial in lane.trial[free].tolist()]
 
     def _bring_back(self, lane: Lane) -> None:
         """Return trials to the whole scene, as they were after closing, if the object came near a digit left out."""
@@ -307,7 +306,7 @@ class _Runner:
             lane.slack_m[slot] = self._finder(trial).slack(idle, lane.qpos[slot], lane.addresses_in(self.whole))
             if lane.slack_m[slot] <= 0.0:
                 back = self.whole.free[:1]
-                self.whole.take(back, np.array([trial]), self.grasps.object_label[[trial]])
+                self.whole.take(back, np.array([trial]))
                 self.whole.resume(back, state, self.protocol.closing_steps, lane.centre[slot])
                 del self.idle[trial]
                 lane.trial[slot] = -1

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..hands import HandDescription, load_spec
 from ..objects import DENSITY_KG_M3, GraspObject
 from .outcomes import TOUCH_COLUMNS
-from .pairs import declare, digit_pairs, reachable
+from .pairs import declare, digit_of_geoms, digit_pairs, reachable
 from .protocol import Protocol
 
 OBJECT = "object"
@@ -114,14 +114,15 @@ def _remove_wrist(spec: Any, hand: HandDescription) -> None:
 
 
 def _remove_digits(spec: Any, hand: HandDescription, digits: Collection[str]) -> None:
-    owner = _digit_of_bodies(spec, hand)
-    joints = {joint.name for joint in spec.joints if owner.get(joint.parent.name) in digits}
+    roots = [spec.body(hand.prefix + hand.digit_roots[digit]) for digit in digits]
+    bodies = {body.name for root in roots for body in [root, *root.find_all(mujoco.mjtObj.mjOBJ_BODY)]}
+    joints = {joint.name for joint in spec.joints if joint.parent.name in bodies}
     tendons = [t for t in spec.tendons if joints & {t.path[i].target.name for i in range(len(t.path))}]
     driven = joints | {tendon.name for tendon in tendons}
     for element in [a for a in spec.actuators if a.target in driven] + tendons:
         spec.delete(element)
-    for digit in digits:
-        spec.delete(spec.body(hand.prefix + hand.digit_roots[digit]))
+    for root in roots:
+        spec.delete(root)
 
 
 def _palm_to_world(spec: Any, hand: HandDescription) -> None:
@@ -152,18 +153,6 @@ def _add_object(spec: Any, obj: GraspObject, protocol: Protocol) -> None:
     body.add_geom(name=OBJECT, type=kind, size=size, density=density, rgba=[0.85, 0.45, 0.2, 1.0])
 
 
-def _digit_of_bodies(spec: Any, hand: HandDescription) -> dict[str, str]:
-    """Map each body of a digit to the digit."""
-    found = {}
-    for digit, root in hand.digit_roots.items():
-        body = spec.body(hand.prefix + root)
-        if body is None:
-            continue
-        for member in [body, *body.find_all(mujoco.mjtObj.mjOBJ_BODY)]:
-            found[member.name] = digit
-    return found
-
-
 def _limit_collisions(spec: Any, hand: HandDescription, without: Collection[str], contact: Mapping[str, Any]) -> None:
     """Test only the object with the hand, and digits that can reach each other."""
     solid = _solid_geoms(spec)
@@ -186,13 +175,12 @@ def _touching_digits(hand: HandDescription, without: tuple[str, ...]) -> tuple[t
     spec = load_spec(hand)
     _remove_wrist(spec, hand)
     _remove_digits(spec, hand, without)
-    digits, owner = list(hand.digit_roots), _digit_of_bodies(spec, hand)
-    solid = _solid_geoms(spec)
+    names = _solid_geoms(spec).keys()
     model = spec.compile()
-    by_id = {int(model.geom(name).id): geom for name, geom in solid.items()}
-    digit_of_geom = {i: digits.index(owner[g.parent.name]) for i, g in by_id.items() if g.parent.name in owner}
-    pairs = reachable(model, digit_pairs(digit_of_geom, digits.index("thumb")))
-    return tuple((by_id[a].name, by_id[b].name) for a, b in pairs)
+    digit = digit_of_geoms(model, hand)
+    digits = {geom: int(digit[geom]) for geom in (int(model.geom(name).id) for name in names) if digit[geom] >= 0}
+    pairs = reachable(model, digit_pairs(digits, list(hand.digit_roots).index("thumb")))
+    return tuple((model.geom(a).name, model.geom(b).name) for a, b in pairs)
 
 
 def _add_sensors(spec: Any, hand: HandDescription) -> None:
