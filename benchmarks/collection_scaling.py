@@ -17,6 +17,7 @@ import tyro
 
 from graspcascade.bench.environment import environment
 from graspcascade.dataset.shards import read_metadata
+from graspcascade.files import write_text
 from graspcascade.machine import processors
 
 
@@ -67,8 +68,7 @@ def main(arguments: Arguments) -> None:
     text = json.dumps(result, indent=1) + "\n"
     print(text, end="")
     if arguments.out is not None:
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        arguments.out.write_text(text, encoding="utf-8")
+        write_text(arguments.out, text)
 
 
 if __name__ == "__main__":

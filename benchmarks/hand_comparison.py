@@ -18,6 +18,7 @@ import tyro
 
 from graspcascade.candidates import candidates, draw_sides
 from graspcascade.evaluation import wilson
+from graspcascade.files import write_text
 from graspcascade.hands import SHADOW_HAND, HandDescription, load_hand, load_spec, shadow_hand
 from graspcascade.objects import CATALOGUE
 from graspcascade.postures import PosturePrior
@@ -101,7 +102,7 @@ def main(arguments: Arguments) -> None:
     text = json.dumps(result, indent=1) + "\n"
     print(text)
     if arguments.out is not None:
-        arguments.out.write_text(text)
+        write_text(arguments.out, text)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import tyro
 
+from graspcascade.files import write_text
 from graspcascade.hands import shadow_hand
 from graspcascade.postures import Likeness, SeedSpec, human_likeness, make_seeds
 
@@ -59,7 +60,7 @@ def main(arguments: Arguments) -> None:
     text = json.dumps(result, indent=1) + "\n"
     print(text)
     if arguments.out is not None:
-        arguments.out.write_text(text)
+        write_text(arguments.out, text)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ import tyro
 from graspcascade.bench.engine import RawEngine
 from graspcascade.bench.environment import environment
 from graspcascade.bench.trials import collection_grasps
+from graspcascade.files import write_text
 from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, shadow_hand
 from graspcascade.machine import processors
@@ -140,8 +141,7 @@ def main(arguments: Arguments) -> None:
     text = json.dumps(result, indent=1) + "\n"
     print(text, end="")
     if arguments.out is not None:
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        arguments.out.write_text(text, encoding="utf-8")
+        write_text(arguments.out, text)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from graspcascade.bench.trials import collection_grasps, evaluation_grasps
 from graspcascade.cascade import GraspSampler
 from graspcascade.dataset.collect import versions
 from graspcascade.evaluation import model_source, wilson
+from graspcascade.files import write_text
 from graspcascade.grasps import Grasps
 from graspcascade.hands import shadow_hand
 from graspcascade.postures import PosturePrior
@@ -98,7 +99,7 @@ def main(arguments: Arguments) -> None:
         "comparisons": rows,
     }
     if arguments.out is not None:
-        arguments.out.write_text(json.dumps(result, indent=1) + "\n")
+        write_text(arguments.out, json.dumps(result, indent=1) + "\n")
 
 
 if __name__ == "__main__":

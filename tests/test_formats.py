@@ -179,16 +179,6 @@ def test_what_cannot_be_written_leaves_the_earlier_file_as_it_was(
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
-def test_a_write_that_breaks_off_leaves_nothing_behind(tmp_path: Path) -> None:
-    def break_off(staged: Path) -> None:
-        staged.write_text("half")
-        raise OSError("no space left")
-
-    with pytest.raises(OSError, match="no space left"):
-        formats.write_staged(tmp_path / "g.json", break_off)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_parquet_without_pyarrow_names_the_extra(
     grasps: Grasps, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

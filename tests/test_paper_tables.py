@@ -22,7 +22,8 @@ from graspcascade.evaluation.published import HEURISTIC, ORDERINGS, PAPER_MODELS
 from graspcascade.evaluation.record import pool
 from graspcascade.nets import EpochRecord
 from graspcascade.trials import PAPER
-from test_evaluation import counts, evaluation, words
+from test_evaluation import evaluation, words
+from test_intervals import counts
 from test_pictures import MAX_BYTES, needs_drawing
 
 

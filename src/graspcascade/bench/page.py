@@ -1,24 +1,20 @@
 """The tables of docs/performance.md, made from committed JSON files and from nothing else.
 
-A page names its generated blocks by the file they are made from, and keeps all text outside them::
-
-    <!-- generated: bench -->
-    ...
-    <!-- end -->
+The page names its generated blocks by the file they are made from.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..errors import FileFormatError, unknown
-from ..evaluation.files import read_json, write_text
+from ..errors import FileFormatError
+from ..evaluation.blocks import fill_blocks
 from ..evaluation.markdown import MISSING, table
+from ..files import read_json, write_text
 
-_BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 _TRIALS = {
     "collection": "collection",
     "evaluation": "evaluation of the shipped cascade",
@@ -44,14 +40,7 @@ def fill_page(page: Path, folder: Path) -> None:
 
 def filled(text: str, folder: Path) -> str:
     """Fill the blocks of a page's text; see `fill_page`."""
-
-    def block(match: re.Match[str]) -> str:
-        begin, name, _, end = match.groups()
-        if name not in _MAKERS:
-            raise unknown("generated block", name, _MAKERS)
-        return f"{begin}\n{_made(name, folder / f'{name}.json')}\n\n{end}"
-
-    return _BLOCK.sub(block, text)
+    return fill_blocks(text, {name: partial(_made, name, folder / f"{name}.json") for name in _MAKERS})
 
 
 def _made(name: str, path: Path) -> str:

@@ -18,6 +18,7 @@ from ..candidates import opposition_points
 from ..dataset import Dataset
 from ..dataset.collect import versions
 from ..errors import InputError
+from ..files import write_text
 from ..grasps import Grasps
 from ..hands import HandModel
 from ..nets import EpochRecord, NumpyDecoder, TrainingSpec, VaeSpec
@@ -70,10 +71,7 @@ class FittedCascade:
     def save(self, folder: Path | str) -> None:
         """Write weights and metadata to `folder` (see `GraspSampler.save`), and the training curves beside them."""
         self.sampler.save(folder)
-        path = Path(folder) / TRAINING_FILE
-        staged = path.with_name(TRAINING_FILE + ".staged")
-        staged.write_text(json.dumps(self.curves(), indent=1) + "\n", encoding="utf-8")
-        staged.replace(path)
+        write_text(Path(folder) / TRAINING_FILE, json.dumps(self.curves(), indent=1) + "\n")
 
     def curves(self) -> dict[str, Any]:
         """Give the training curves with what they are of: by stage a list for each quantity, one value per epoch."""

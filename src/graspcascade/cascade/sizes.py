@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..intervals import wilson_bounds
 from .encoding import Request
 
 Array = NDArray[np.float64]
@@ -120,17 +121,13 @@ def _levels(key: str) -> tuple[str, str, str]:
 def _best(offset: Array, success: NDArray[np.bool_]) -> float:
     """Find the offset around which successes are most frequent, wary of windows with few trials.
 
-    A window's rate counts by its 95 % lower bound (Wilson 1927, DOI 10.1080/01621459.1927.10502953).
+    A window's rate counts by the lower bound of its 95 % interval.
     """
     grid = np.arange(offset.min(), offset.max() + 0.0005, 0.0005)
     order = np.argsort(offset)
     totals = np.concatenate([[0], np.cumsum(success[order])])
     first = np.searchsorted(offset[order], grid - _WINDOW_M)
     last = np.searchsorted(offset[order], grid + _WINDOW_M, side="right")
-    n, k = last - first, totals[last] - totals[first]
-    z = 1.96
-    rate = k / np.maximum(n, 1)
-    spread = z * np.sqrt(rate * (1 - rate) / np.maximum(n, 1) + z**2 / (4 * np.maximum(n, 1) ** 2))
-    low = np.where(n > 0, (rate + z**2 / (2 * np.maximum(n, 1)) - spread) / (1 + z**2 / np.maximum(n, 1)), 0.0)
+    low, _ = wilson_bounds(totals[last] - totals[first], last - first)
     # Among equally good windows the middle one: farthest from where it gets worse.
     return float(np.median(grid[low >= low.max() - 1e-3]))

@@ -10,6 +10,7 @@ from typing import Any
 from ..bench import PARTS, BenchSpec, run_bench
 from ..bench.run import check_parts
 from ..errors import InputError
+from ..files import write_text
 from .console import bar, plain, print_json, print_table
 from .needs import need
 
@@ -53,9 +54,6 @@ class Bench:
                 )
             )
         if self.out is not None:
-            # It loads the physics engine, which measuring has loaded by now and naming a wrong part should not.
-            from ..evaluation.files import write_text
-
             write_text(self.out, json_module.dumps(found, indent=1, allow_nan=False) + "\n")
         if self.json:
             print_json(found)

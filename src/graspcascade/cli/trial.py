@@ -10,10 +10,11 @@ from typing import Annotated, Any
 from tyro.conf import Positional, arg
 
 from ..errors import InputError
-from ..evaluation import wilson
-from ..formats import load_executable, write_staged
+from ..files import write_text
+from ..formats import check_file_place, load_executable
 from ..grasps import Grasps
 from ..hands import SHADOW_HAND
+from ..intervals import wilson
 from ..trials import TOUCH_COLUMNS, VERDICTS, Outcomes, protocol, run
 from .console import at_least, bar, interval, plain, print_json, print_table
 
@@ -39,24 +40,21 @@ class Trial:
         """Execute, then print and write."""
         at_least("threads", self.threads, 0)
         chosen = protocol(self.protocol)
-        if self.out is not None and self.out.suffix.lower() != ".json":
-            raise InputError(f"a trial report is a .json file, got {self.out.name!r}")
+        if self.out is not None:
+            if self.out.suffix.lower() != ".json":
+                raise InputError(f"a trial report is a .json file, got {self.out.name!r}")
+            check_file_place(self.out)
         document = load_executable(self.grasps, SHADOW_HAND, trust_pickle=self.trust_pickle)
         grasps = document.grasps
         with bar("trials", len(grasps)) as progress:
             outcomes = run(grasps, chosen, n_threads=self.threads, progress=progress.advance)
         report = plain(_report(grasps, outcomes, chosen.name, document.metadata.get("model")))
         if self.out is not None:
-            text = json_module.dumps(report, indent=1, allow_nan=False) + "\n"
-            write_staged(self.out, lambda staged: _write(staged, text))
+            write_text(self.out, json_module.dumps(report, indent=1, allow_nan=False) + "\n")
         if self.json:
             print_json(report)
         else:
             _print_report(report)
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _report(grasps: Grasps, outcomes: Outcomes, protocol_name: str, model: object) -> dict[str, Any]:

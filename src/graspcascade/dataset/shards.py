@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FileFormatError, InputError
+from ..files import write_staged, write_text
 from ..grasps import Grasps
 from ..trials import Outcomes
 from .schema import SCHEMA_VERSION, Columns, from_columns
@@ -43,24 +44,19 @@ def write_shard(path: Path, columns: Columns) -> str:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    staged = path.with_suffix(".staged")
     arrays = {
         name: pa.array(values.astype(object), pa.string()).dictionary_encode()
         if values.dtype.kind == "U"
         else pa.array(values)
         for name, values in columns.items()
     }
-    pq.write_table(pa.table(arrays), staged, compression="zstd")
-    digest = hashlib.sha256(staged.read_bytes()).hexdigest()
-    staged.replace(path)
-    return digest
+    write_staged(path, lambda staged: pq.write_table(pa.table(arrays), staged, compression="zstd"))
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def write_metadata(folder: Path, metadata: dict[str, Any]) -> None:
     """Write the metadata file atomically."""
-    staged = folder / (METADATA_FILE + ".staged")
-    staged.write_text(json.dumps(metadata, indent=1) + "\n")
-    staged.replace(folder / METADATA_FILE)
+    write_text(folder / METADATA_FILE, json.dumps(metadata, indent=1) + "\n")
 
 
 def read_metadata(folder: Path) -> dict[str, Any]:

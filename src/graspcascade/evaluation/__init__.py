@@ -1,6 +1,6 @@
 """Evaluation: success matrices with 95 % intervals, resumable runs, and the results page made from committed JSON."""
 
-from .intervals import Difference, Interval, newcombe, wilson
+from ..intervals import Difference, Interval, newcombe, wilson
 from .record import Cell, Evaluation, Tally
 from .results_page import report
 from .runs import ROUND_PER_CELL, evaluate

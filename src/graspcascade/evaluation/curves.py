@@ -10,7 +10,7 @@ from typing import Any
 
 from ..cascade import FACTORIZATIONS
 from ..errors import FileFormatError
-from .files import read_json
+from ..files import read_json
 
 _ALWAYS = ("epoch", "train_loss", "train_reconstruction", "train_kl")
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import read_json
 from ..pictures.paper import FAINT, INK, blank_figure, save_png
 from .curves import StageCurves, TrainingCurves
-from .files import read_json
 from .gallery import TRAINING_CURVES, heat_map_name, pooled_heat_map_name
 from .paper_runs import PAPER_FOLDER, read_paper_runs
 from .published import HEURISTIC, MAIN_MODELS

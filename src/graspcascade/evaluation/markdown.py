@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from .intervals import Difference, Interval
+from ..intervals import Difference, Interval
 from .record import Tally
 
 MISSING = "—"

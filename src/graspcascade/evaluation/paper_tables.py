@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from statistics import stdev
 
 from ..cascade import FACTORIZATIONS, Stage
+from ..intervals import Difference
 from ..trials import VERDICTS
 from .gallery import POSE_FRAMES, TRAINING_CURVES, Gallery, pooled_heat_map_name
-from .intervals import Difference
 from .markdown import MISSING, over, pair, percent, plain, points, rate, table, widest
 from .measurements import spread
 from .paper_runs import PaperRuns, Runs, metadata_differences

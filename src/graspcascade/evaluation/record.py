@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FileFormatError
+from ..files import read_json, write_text
+from ..intervals import Difference, Interval, newcombe, wilson
 from ..trials import VERDICTS, Protocol
-from .files import read_json, write_text
-from .intervals import Difference, Interval, newcombe, wilson
 
 KIND = "graspcascade evaluation"
 """Marks the JSON of an evaluation among other files."""

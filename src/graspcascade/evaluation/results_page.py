@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FileFormatError, InputError
+from ..files import read_json, write_text
 from ..trials import VERDICTS
-from .files import read_json, write_text
 from .gallery import Gallery, heat_map_name
 from .markdown import MISSING, over, pair, percent, plain, rate, table, widest
 from .measurements import measurement_section, spread

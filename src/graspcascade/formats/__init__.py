@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FileFormatError, InputError
+from ..files import write_folder_staged, write_staged
 from ..grasps import Grasps
 from ..hands import HandDescription
 from ..poses import Pose
 from .document import SCHEMA_VERSION, GraspDocument
 from .native_json import document_to_json
 from .options import Assumptions, ExportOptions, held_rates
+from .places import check_file_place, check_folder_place
 from .registry import FORMATS, FORMATS_BY_NAME, GraspFormat, format_to_read, format_to_write
-from .staging import check_file_place, check_folder_place, write_folder_staged, write_staged
 
 __all__ = [
     "FORMATS",
@@ -24,6 +25,7 @@ __all__ = [
     "ExportOptions",
     "GraspDocument",
     "GraspFormat",
+    "check_file_place",
     "check_target",
     "document_to_json",
     "held_rates",
@@ -31,7 +33,6 @@ __all__ = [
     "load_executable",
     "load_grasps",
     "save_grasps",
-    "write_staged",
 ]
 
 

@@ -15,6 +15,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from ..errors import FileFormatError, InputError
+from ..files import write_staged
 from .fitted import Standardisation
 from .heads import HeadSpec
 from .inference import NumpyDecoder
@@ -54,12 +55,7 @@ def save_decoders(
     except (TypeError, ValueError) as error:
         raise InputError(f"metadata that JSON cannot hold: {error}") from error
     tensors = {f"{name}.{part}": array for name, net in decoders.items() for part, array in net.arrays().items()}
-    staging = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        staging.write_bytes(save(tensors, {HEADER_KEY: text}))
-        staging.replace(path)
-    finally:
-        staging.unlink(missing_ok=True)
+    write_staged(path, lambda staged: staged.write_bytes(save(tensors, {HEADER_KEY: text})))
 
 
 def load_decoders(path: str | os.PathLike[str]) -> StoredDecoders:

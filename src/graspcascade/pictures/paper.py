@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import io
-import os
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..files import write_staged
 
 INK = "#22262b"
 """Colour of text."""
@@ -58,9 +58,4 @@ def save_png(figure: Any, path: Path, dpi: int = 120) -> None:
     drawn = io.BytesIO()
     figure.savefig(drawn, format="png", dpi=dpi)
     image = Image.open(drawn).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
-    staged = path.with_name(f".{path.name}.{os.getpid()}.staged")
-    try:
-        image.save(staged, format="PNG", optimize=True)
-        staged.replace(path)
-    finally:
-        staged.unlink(missing_ok=True)
+    write_staged(path, lambda staged: image.save(staged, format="PNG", optimize=True))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import difflib
 import math
-import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import FileFormatError, InputError
+from ..files import write_staged
 from ..hands import HandModel
 from ..taxonomy import grasp_type
 from .labelled import LabelledPostures
@@ -87,16 +87,15 @@ def export_postures(path: Path | str, postures: LabelledPostures) -> None:
     path = Path(path)
     if not path.parent.is_dir() or path.is_dir():
         raise InputError(f"{path} is a folder, or the folder {path.parent} does not exist")
-    staged = path.with_name(f".{path.name}.{os.getpid()}.staged")
-    try:
-        with staged.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["grasp_type", *(f"{name}_rad" for name in postures.joint_names)])
-            for kind, angles in zip(postures.grasp_type.tolist(), postures.posture.tolist(), strict=True):
-                writer.writerow([kind, *map(repr, angles)])
-        staged.replace(path)
-    finally:
-        staged.unlink(missing_ok=True)
+    write_staged(path, lambda staged: _write(staged, postures))
+
+
+def _write(path: Path, postures: LabelledPostures) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["grasp_type", *(f"{name}_rad" for name in postures.joint_names)])
+        for kind, angles in zip(postures.grasp_type.tolist(), postures.posture.tolist(), strict=True):
+            writer.writerow([kind, *map(repr, angles)])
 
 
 def _type_field(header: list[str]) -> int:

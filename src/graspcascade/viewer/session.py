@@ -11,10 +11,10 @@ import numpy as np
 
 from ..cascade import GraspSampler
 from ..errors import InputError, unknown
-from ..evaluation import Interval, wilson
 from ..formats import load_executable
 from ..grasps import Grasps
 from ..hands import HandModel
+from ..intervals import Interval, wilson
 from ..objects import grasp_object
 from ..poses import Pose
 from ..taxonomy import grasp_type

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import viser
 
-from ..formats import write_staged
+from ..files import write_text
+from ..formats import check_file_place
 from ..trials import Protocol
 from .recording import Frame, Recording
 from .scene import Actors, HandShapes
@@ -43,6 +44,7 @@ def write_standalone(path: Path, batch: Batch, protocol: Protocol, shapes: HandS
     Raises:
         InputError: no such folder.
     """
+    check_file_place(path)
     session = Session(Batch(batch.grasps[:MAX_SHOWN], batch.name, batch.metadata), protocol)
     recordings = []
     for index in range(len(session)):
@@ -53,13 +55,8 @@ def write_standalone(path: Path, batch: Batch, protocol: Protocol, shapes: HandS
         html = _scene_html(server, session, recordings, shapes)
     finally:
         close_server(server)
-    text = _with_overlay(html, session, len(batch.grasps))
-    write_staged(path, lambda staged: _write(staged, text))
+    write_text(path, _with_overlay(html, session, len(batch.grasps)))
     return len(session)
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _scene_html(

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 Z_95 = 1.959963984540054
 """Normal quantile of 0.975."""
 
@@ -31,8 +34,34 @@ class Difference:
     high: float
 
 
+def wilson_bounds(successes: ArrayLike, n: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Compute the bounds of Wilson score intervals (DOI 10.1080/01621459.1927.10502953).
+
+    Args:
+        successes: ``(...)`` trials that succeeded.
+        n: ``(...)`` trials; none gives 0 and 1.
+
+    Returns:
+        Lower and upper bounds ``(...)`` in [0, 1].
+
+    Raises:
+        ValueError: successes are not between 0 and n.
+    """
+    k, trials = np.asarray(successes, dtype=np.float64), np.asarray(n, dtype=np.float64)
+    if not np.all((k >= 0) & (k <= trials)):
+        raise ValueError(f"successes must be between 0 and n = {n!r}, got {successes!r}")
+    m, z2 = np.maximum(trials, 1), Z_95**2
+    rate = k / m
+    centre = (rate + z2 / (2 * m)) / (1 + z2 / m)
+    half = Z_95 / (1 + z2 / m) * np.sqrt(rate * (1 - rate) / m + z2 / (4 * m * m))
+    # At 0 and n successes one bound is the rate itself, which rounding would miss.
+    low = np.where(k == 0, 0.0, np.maximum(0.0, centre - half))
+    high = np.where(k == trials, 1.0, np.minimum(1.0, centre + half))
+    return low, high
+
+
 def wilson(successes: int, n: int) -> Interval:
-    """Compute a rate with its Wilson score interval (DOI 10.1080/01621459.1927.10502953).
+    """Compute a rate with its Wilson score interval; see `wilson_bounds`.
 
     Args:
         successes: trials that succeeded.
@@ -41,17 +70,8 @@ def wilson(successes: int, n: int) -> Interval:
     Raises:
         ValueError: successes are not between 0 and n.
     """
-    if not 0 <= successes <= n:
-        raise ValueError(f"successes must be between 0 and n = {n}, got {successes}")
-    if n == 0:
-        return Interval(math.nan, 0.0, 1.0)
-    rate, z2 = successes / n, Z_95**2
-    centre = (rate + z2 / (2 * n)) / (1 + z2 / n)
-    half = Z_95 / (1 + z2 / n) * math.sqrt(rate * (1 - rate) / n + z2 / (4 * n * n))
-    # At 0 and n successes one bound is the rate itself, which rounding would miss.
-    low = 0.0 if successes == 0 else max(0.0, centre - half)
-    high = 1.0 if successes == n else min(1.0, centre + half)
-    return Interval(rate, low, high)
+    low, high = wilson_bounds(successes, n)
+    return Interval(successes / n if n else math.nan, float(low), float(high))
 
 
 def newcombe(successes: int, n: int, base_successes: int, base_n: int) -> Difference:

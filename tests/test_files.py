@@ -1,0 +1,101 @@
+"""Files and folders are whole under their name, or as they were; JSON that cannot be read is named."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from graspcascade.errors import FileFormatError
+from graspcascade.files import read_json, write_folder_staged, write_staged, write_text
+
+
+class CutOffError(BaseException):
+    """Stand for an interrupt from the keyboard, which no `except Exception` would see."""
+
+
+def half_a_file(staged: Path) -> None:
+    staged.write_text("half")
+    raise CutOffError
+
+
+def half_a_folder(staged: Path) -> None:
+    (staged / "inner").mkdir()
+    half_a_file(staged / "inner" / "file")
+
+
+def nothing(_: Path) -> None:
+    raise CutOffError
+
+
+def tree(folder: Path) -> dict[str, bytes | None]:
+    """Give every file and folder below one, files with what they hold."""
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+@pytest.mark.parametrize("before", [None, "old"])
+@pytest.mark.parametrize("write", [half_a_file, nothing])
+def test_a_file_whose_writing_breaks_off_is_as_it_was(
+    tmp_path: Path, before: str | None, write: Callable[[Path], None]
+) -> None:
+    path = tmp_path / "file.txt"
+    if before is not None:
+        path.write_text(before)
+    found = tree(tmp_path)
+    with pytest.raises(CutOffError):
+        write_staged(path, write)
+    assert tree(tmp_path) == found
+
+
+@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("write", [half_a_folder, nothing])
+def test_a_folder_whose_writing_breaks_off_is_as_it_was(
+    tmp_path: Path, there: bool, write: Callable[[Path], None]
+) -> None:
+    path = tmp_path / "folder"
+    if there:
+        path.mkdir()
+    found = tree(tmp_path)
+    with pytest.raises(CutOffError):
+        write_folder_staged(path, write)
+    assert tree(tmp_path) == found
+
+
+def test_a_text_that_cannot_be_written_leaves_the_earlier_one(tmp_path: Path) -> None:
+    write_text(tmp_path / "file.txt", "old")
+    with pytest.raises(UnicodeEncodeError):
+        write_text(tmp_path / "file.txt", "half a pair: \ud800")
+    assert tree(tmp_path) == {"file.txt": b"old"}
+
+
+def test_a_name_is_not_taken_before_the_writing_is_done(tmp_path: Path) -> None:
+    path = tmp_path / "file.txt"
+    path.write_text("old")
+
+    def write(staged: Path) -> None:
+        staged.write_text("new")
+        assert path.read_text() == "old"
+
+    write_staged(path, write)
+    assert tree(tmp_path) == {"file.txt": b"new"}
+
+
+def test_a_folder_that_holds_something_is_not_replaced(tmp_path: Path) -> None:
+    kept = tmp_path / "folder" / "mine"
+    write_text(kept, "mine")
+    with pytest.raises(OSError, match="not empty"):
+        write_folder_staged(tmp_path / "folder", lambda staged: (staged / "file").write_text("new"))
+    assert tree(tmp_path) == {"folder": None, "folder/mine": b"mine"}
+
+
+def test_texts_are_utf_8_in_folders_made_for_them(tmp_path: Path) -> None:
+    write_text(tmp_path / "a" / "b" / "file.txt", "90 % \N{PLUS-MINUS SIGN} 2\n")
+    assert (tmp_path / "a" / "b" / "file.txt").read_bytes() == b"90 % \xc2\xb1 2\n"
+
+
+@pytest.mark.parametrize("content", [None, b"", b'{"cut": ', b"\xff\xfe"])
+def test_json_that_cannot_be_read_is_named(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "found.json"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=r"found\.json is not a readable JSON file"):
+        read_json(path)
