@@ -64,11 +64,7 @@ class GraspSampler:
         Raises:
             InputError: no cascade of that name is shipped.
         """
-        shipped = {folder.name for folder in (files("graspcascade.cascade") / "weights").iterdir() if folder.is_dir()}
-        chosen = DEFAULT if name == "default" else name
-        if chosen not in shipped:
-            raise unknown("model", name, ["default", *sorted(shipped)])
-        return cls.load(str(files("graspcascade.cascade") / "weights" / chosen))
+        return cls.load(shipped_folder(name))
 
     @classmethod
     def load(cls, folder: Path | str) -> GraspSampler:
@@ -206,6 +202,20 @@ class GraspSampler:
 
 DEFAULT = "model3"
 """The shipped cascade that `GraspSampler.pretrained()` loads."""
+
+
+def shipped_folder(name: str = "default") -> Path:
+    """Give the folder of a shipped cascade.
+
+    Raises:
+        InputError: no cascade of that name is shipped.
+    """
+    weights = Path(str(files("graspcascade.cascade") / "weights"))
+    shipped = sorted(folder.name for folder in weights.iterdir() if folder.is_dir())
+    chosen = DEFAULT if name == "default" else name
+    if chosen not in shipped:
+        raise unknown("model", name, ["default", *shipped])
+    return weights / chosen
 
 
 def _side_m(object_label: str, axis: str) -> float:

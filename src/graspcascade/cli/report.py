@@ -19,7 +19,8 @@ class Report:
     results: Path = Path("docs/results")
     """Folder of JSON files, such as the evaluation.json of `graspcascade evaluate --out`."""
     out: Path = Path("docs/results.md")
-    """Page to write, .md; the tables of a performance.md beside it are made from the folder `performance`."""
+    """Page to write, .md. Tables of a performance.md beside it are made from the folder `performance`, those of a
+    model_card.md from the shipped cascade."""
     figures: Path | None = None
     """Folder for heat maps, training curves, grasps of each type, the objects and sampled hand frames, all .png."""
     model: str = "default"
@@ -42,7 +43,7 @@ class Report:
         from ..evaluation import report
 
         report(self.results, self.out, self.figures)
-        written = [self.out, *self._fill_performance()]
+        written = [self.out, *self._fill_performance(), *self._fill_model_card()]
         written += [] if self.figures is None else self._draw(self.figures)
         if self.json:
             print_json({"written": [str(path) for path in written]})
@@ -56,6 +57,15 @@ class Report:
         from ..bench.page import fill_page
 
         fill_page(page, folder)
+        return [page]
+
+    def _fill_model_card(self) -> list[Path]:
+        page = self.out.with_name("model_card.md")
+        if not page.is_file():
+            return []
+        from ..evaluation.model_card import fill_model_card
+
+        fill_model_card(page)
         return [page]
 
     def _draw(self, folder: Path) -> list[Path]:

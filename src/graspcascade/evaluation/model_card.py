@@ -1,0 +1,94 @@
+"""The model card of a shipped cascade: what it learned from, how it was tested, and where it fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ..cascade import GraspSampler
+from ..cascade.sampler import EVALUATION_FILE, shipped_folder
+from ..files import write_text
+from .blocks import fill_blocks
+from .markdown import pair, percent, plain, rate, table, widest
+from .measurements import spread
+from .record import Evaluation, Tally
+
+_WEAK = 0.9
+"""Cells that hold less often are listed as weak."""
+
+
+def fill_model_card(page: Path, name: str = "default") -> None:
+    """Make the generated blocks of a model card again.
+
+    Args:
+        page: Markdown file with blocks "facts", "rates" and "limits", changed in place.
+        name: of the shipped cascade.
+
+    Raises:
+        InputError: no such cascade, or a block of another name.
+        FileFormatError: it is shipped without its evaluation.
+    """
+    folder = shipped_folder(name)
+    sampler, found = GraspSampler.load(folder), Evaluation.load(folder / EVALUATION_FILE)
+    write_text(page, fill_blocks(page.read_text(encoding="utf-8"), card_blocks(sampler, found)))
+
+
+def card_blocks(sampler: GraspSampler, found: Evaluation) -> dict[str, Callable[[], str]]:
+    """Give what makes each block of a card."""
+    return {"facts": lambda: _facts(sampler), "rates": lambda: _rates(found), "limits": lambda: _limits(found)}
+
+
+def _facts(sampler: GraspSampler) -> str:
+    stages = "; ".join(
+        f"{stage.name} ({', '.join(stage.targets)} given {', '.join(stage.given)}; {stage.latent_dim} latents, "
+        f"hidden layers of {' and '.join(map(str, stage.hidden))})"
+        for stage in sampler.factorization.stages
+    )
+    rows = [
+        ("factorization", f"`{sampler.factorization.name}`: {sampler.factorization.source}"),
+        ("hand", f"`{sampler.hand.description.name}`"),
+        ("stages", stages),
+        ("sizes asked for", sampler.size_mode),
+        *((name, plain(value)) for name, value in spread(sampler.metadata)),
+    ]
+    return table(("fact", "value"), rows, text_columns=2)
+
+
+def _rates(found: Evaluation) -> str:
+    total = found.total
+    cells = {(cell.object_label, cell.grasp_type): cell for cell in found.cells}
+    rows = [
+        [label, *(pair(cells.get((label, kind))) for kind in found.by_type), pair(tally)]
+        for label, tally in found.by_object.items()
+    ]
+    rows.append(["all objects", *map(pair, found.by_type.values()), pair(total)])
+    return "\n\n".join(
+        [
+            f"Protocol `{found.protocol.name}`, {found.n} trials, {found.per_cell} for each object and type, seed "
+            f"{found.seed}: **held {rate(total.held_rate)}, held and type-faithful {rate(total.faithful_rate)}**. "
+            "Held % / faithful % of each object and type; the widest of these 95 % intervals reaches "
+            f"{widest(found.cells)} points to either side of its middle:",
+            table(("object", *found.by_type, "all types"), rows),
+        ]
+    )
+
+
+def _limits(found: Evaluation) -> str:
+    weak = sorted((cell for cell in found.cells if cell.held_rate.rate < _WEAK), key=lambda cell: cell.held / cell.n)
+    if not weak:
+        return f"No object and type holds in less than {percent(_WEAK)} % of its trials."
+    header = ("object", "type", "held", "faithful", "lost to")
+    rows = [
+        [cell.object_label, cell.grasp_type, rate(cell.held_rate), rate(cell.faithful_rate), _lost(cell)]
+        for cell in weak
+    ]
+    text = f"Objects and types that hold in less than {percent(_WEAK)} % of their trials, and how these trials ended:"
+    return f"{text}\n\n{table(header, rows, text_columns=2)}"
+
+
+def _lost(tally: Tally) -> str:
+    """Name the ways in which trials failed, the commonest first."""
+    failed = sorted(
+        ((count, verdict) for verdict, count in tally.verdicts.items() if count and verdict != "held"), reverse=True
+    )
+    return ", ".join(f"{verdict} {percent(count / tally.n)} %" for count, verdict in failed)
