@@ -1,4 +1,4 @@
-"""Write the card of a collected dataset: seed, command, counts, success rates per cell, checksums.
+"""Write the card of a collected dataset: seed, command, counts, success rates per cell, time taken, checksums.
 
 Example::
 
@@ -8,12 +8,17 @@ Example::
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import tyro
 
+from graspcascade.dataset import CollectionSpec
 from graspcascade.dataset.shards import read_metadata
+from graspcascade.evaluation import wilson
+from graspcascade.files import write_text
+from graspcascade.machine import cpu_model, processors
 
 
 @dataclass(frozen=True)
@@ -24,19 +29,50 @@ class Arguments:
     """Folder of the dataset."""
     out: Path
     """JSON file to write."""
+    title: str = "The dataset of the paper's experiment"
+    """Heading of the card."""
+
+
+def command(asked: dict[str, Any]) -> str:
+    """Word the command that collects the same rows."""
+    usual = CollectionSpec()
+    flags = [
+        f"--{field.name.replace('_', '-')} {asked[field.name]}"
+        for field in fields(CollectionSpec)
+        if asked[field.name] != getattr(usual, field.name) or field.name == "seed"
+    ]
+    return " ".join(["graspcascade collect --out data", *flags])
+
+
+def cell_card(cell: dict[str, Any]) -> dict[str, Any]:
+    """Give a cell's counts with its success rate."""
+    return cell | {"held rate": wilson(cell["held"], cell["trials"]).to_json()}
+
+
+def effort(about: dict[str, Any]) -> dict[str, Any]:
+    """Sum up what the collection took, on the machine the card is written on."""
+    spent = about["effort"].values()
+    seconds = sum(each["seconds"] for each in spent)
+    return {
+        "hours": round(seconds / 3600, 2),
+        "trials_per_s": round(about["counts"]["trials"] / seconds, 1),
+        "held_per_s": round(about["counts"]["held"] / seconds, 1),
+        "peak_rss_mb": max(each["peak_rss_mb"] for each in spent),
+        "cpu": cpu_model(),
+        "threads": processors(),
+    }
 
 
 def main(arguments: Arguments) -> None:
     """Read the metadata and write the card."""
     about = read_metadata(arguments.data)
     counts = about["counts"]
-    # What was asked for may be more than is there: the card says how to get just these rows.
-    per_cell = max(cell["trials"] for cell in counts["cells"])
     card = {
-        "title": "The dataset the shipped cascade was trained on",
+        "title": arguments.title,
         "description": "Screened heuristic candidates under the paper protocol: candidates whose opposing places stay "
-        "farther apart than the side is wide are skipped and counted, so these rates are not the heuristic's own.",
-        "command": f"graspcascade collect --out data --trials-per-cell {per_cell} --seed {about['seed']}",
+        "farther apart than the side is wide are skipped and counted, so these rates are not the heuristic's own. A "
+        "cell of object and type that hardly ever holds is given up after the most trials named in the command.",
+        "command": command(about["collection"]),
         "protocol": about["protocol"]["name"],
         "seed": about["seed"],
         "prior": about["prior"],
@@ -44,11 +80,12 @@ def main(arguments: Arguments) -> None:
         "held": counts["held"],
         "faithful": counts["faithful"],
         "screened_out": counts["screened_out"],
-        "cells": counts["cells"],
+        "took": effort(about),
+        "cells": [cell_card(cell) for cell in counts["cells"]],
         "shards": [{key: shard[key] for key in ("file", "rows", "sha256")} for shard in about["shards"]],
         "versions": about["versions"],
     }
-    arguments.out.write_text(json.dumps(card, indent=1) + "\n")
+    write_text(arguments.out, json.dumps(card, indent=1) + "\n")
 
 
 if __name__ == "__main__":

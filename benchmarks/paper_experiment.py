@@ -1,0 +1,161 @@
+"""Train the paper's models on a collected dataset and evaluate each; run again to go on where it stopped.
+
+Example, with the dataset that docs/results/paper/README.md tells how to collect::
+
+    python benchmarks/paper_experiment.py --data data --out runs --results docs/results/paper
+
+Trained models and finished rounds of trials stay in `--out`; the JSON that `graspcascade report` reads goes to
+`--results`. An interruption costs one training of one model, or one round of trials.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from paper_settings import Run, Trained, experiments, paper_runs
+
+from graspcascade.cascade import GraspSampler, fit_cascade
+from graspcascade.cascade.fit import TRAINING_FILE
+from graspcascade.cli.console import bar, interval
+from graspcascade.cli.train import Epochs
+from graspcascade.dataset import Dataset, load_dataset
+from graspcascade.errors import InputError, unknown
+from graspcascade.evaluation import Evaluation, evaluate, heuristic_source, model_source
+from graspcascade.evaluation.paper_runs import EXPERIMENTS_FOLDER, TRAINING_FOLDER
+from graspcascade.files import write_folder_staged
+from graspcascade.hands import shadow_hand
+from graspcascade.postures import PosturePrior
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Run the paper's experiment."""
+
+    data: Path
+    """Folder of the dataset."""
+    out: Path
+    """Folder for trained models and finished rounds of trials."""
+    results: Path = Path("docs/results/paper")
+    """Folder for the JSON files of the results page."""
+    only: tuple[str, ...] = ()
+    """Names of runs to make, the paper's models without it; `--list` shows them."""
+    experiments: bool = False
+    """Make the further experiments too."""
+    train_only: bool = False
+    """Train, and evaluate nothing."""
+    list: bool = False
+    """Print the names of all runs and do nothing."""
+
+
+class Experiment:
+    """Make runs, each once.
+
+    Args:
+        arguments: where to read and write.
+    """
+
+    def __init__(self, arguments: Arguments) -> None:
+        self._arguments = arguments
+
+    def make(self, run: Run) -> None:
+        """Train what a run needs, evaluate it and publish its JSON."""
+        sampler = None if run.trained is None else self._trained(run.trained)
+        if run.trained is not None and not run.is_experiment:
+            self._publish(self._model_folder(run.trained) / TRAINING_FILE, TRAINING_FOLDER, run.trained.name)
+        if self._arguments.train_only:
+            return
+        print(f"{run.name}: held {interval(self._evaluate(run, sampler).held.to_json())}", flush=True)
+
+    @cache  # noqa: B019 - one experiment lives as long as the program
+    def _dataset(self) -> Dataset:
+        return load_dataset(self._arguments.data)
+
+    def _trained(self, wanted: Trained) -> GraspSampler:
+        folder = self._model_folder(wanted)
+        if not folder.is_dir():
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            write_folder_staged(folder, lambda staged: self._fit(wanted, staged))
+        sampler = GraspSampler.load(folder)
+        if sampler.metadata["config"] != asdict(wanted.training) or sampler.factorization != wanted.factorization:
+            raise InputError(f"{folder} was trained with other settings; remove it to train again")
+        return sampler
+
+    def _model_folder(self, wanted: Trained) -> Path:
+        return self._arguments.out / "models" / wanted.name
+
+    def _fit(self, wanted: Trained, folder: Path) -> None:
+        dataset = self._dataset()
+        if wanted.trials_per_cell is not None:
+            dataset = first_trials(dataset, wanted.trials_per_cell)
+        with bar(f"training {wanted.name}") as progress:
+            epochs = Epochs(progress, len(wanted.factorization.stages))
+            fitted = fit_cascade(shadow_hand(), dataset, wanted.factorization, wanted.training, epochs.show)
+        fitted.save(folder)
+
+    def _evaluate(self, run: Run, sampler: GraspSampler | None) -> Evaluation:
+        if sampler is None:
+            prior = PosturePrior.pretrained()
+            source, metadata = heuristic_source(shadow_hand(), prior), {"prior": prior.fingerprint()}
+        else:
+            sampler = replace(sampler, size_mode=run.size_mode)
+            source, metadata = model_source(sampler), describe(sampler)
+        folder = self._arguments.out / "trials" / run.name
+        with bar(f"trials of {run.name}") as progress:
+            found = evaluate(
+                run.model,
+                source,
+                per_cell=run.per_cell,
+                seed=0,
+                out=folder,
+                progress=progress.show,
+                metadata=metadata,
+            )
+        self._publish(folder / "evaluation.json", EXPERIMENTS_FOLDER if run.is_experiment else ".", run.name)
+        return found
+
+    def _publish(self, path: Path, folder: str, name: str) -> None:
+        target = self._arguments.results / folder / f"{name}.json"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target)
+
+
+def describe(sampler: GraspSampler) -> dict[str, Any]:
+    """Say what a model was trained on and with, and how its sizes are chosen."""
+    networks = {
+        stage.name: {"latent_dim": stage.latent_dim, "hidden": list(stage.hidden), "kl_weight": stage.kl_weight}
+        for stage in sampler.factorization.stages
+    }
+    return sampler.metadata | {"networks": networks, "sizes": sampler.size_mode}
+
+
+def first_trials(dataset: Dataset, per_cell: int) -> Dataset:
+    """Keep the first trials of each object and type."""
+    cells = np.char.add(np.char.add(dataset.grasps.object_label, "/"), dataset.grasps.grasp_type)
+    rows = np.sort(np.concatenate([np.flatnonzero(cells == cell)[:per_cell] for cell in np.unique(cells)]))
+    return Dataset(dataset.grasps[rows], dataset.outcomes[rows], dataset.metadata)
+
+
+def main(arguments: Arguments) -> None:
+    """Make the runs that were asked for, one after another."""
+    runs = {run.name: run for run in paper_runs()}
+    others = {run.name: run for run in experiments()}
+    if arguments.list:
+        print("\n".join([*runs, *(f"{name} (experiment)" for name in others)]))
+        return
+    for name in arguments.only:
+        if name not in runs | others:
+            raise unknown("run", name, [*runs, *others])
+    chosen = arguments.only or (*runs, *(others if arguments.experiments else ()))
+    experiment = Experiment(arguments)
+    for name in chosen:
+        experiment.make((runs | others)[name])
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))

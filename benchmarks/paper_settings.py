@@ -1,0 +1,118 @@
+"""What the paper's experiment consists of: every model to train and every evaluation to make, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from graspcascade.cascade import FACTORIZATIONS, CascadeTraining, Factorization
+from graspcascade.cascade.sizes import SizeMode
+from graspcascade.evaluation.published import FULL_MODEL, HEURISTIC, PAPER_MODELS
+
+SEEDS = {"model1": (0, 1, 2), "model2": (0, 1, 2), FULL_MODEL: (0, 1, 2)}
+"""Training seeds of the models of Table I; the others have the first alone."""
+PAPER_PER_CELL, EXPERIMENT_PER_CELL = 500, 100
+"""Trials for each object and type."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """Describe one trained model.
+
+    Attributes:
+        name: of its folder.
+        factorization: its stages.
+        training: its training loop.
+        trials_per_cell: learn from the first so many trials of each object and type; None for all.
+    """
+
+    name: str
+    factorization: Factorization
+    training: CascadeTraining = field(default_factory=CascadeTraining)
+    trials_per_cell: int | None = None
+
+
+@dataclass(frozen=True)
+class Run:
+    """Describe one evaluation.
+
+    Attributes:
+        name: of its folder and its JSON file.
+        trained: the model, None for the heuristic.
+        size_mode: how sizes are chosen for a side.
+        is_experiment: whether it asks what another setting would do; the paper's own models do not.
+    """
+
+    name: str
+    trained: Trained | None
+    size_mode: SizeMode = "best"
+    is_experiment: bool = False
+
+    @property
+    def model(self) -> str:
+        """Give the name rates are quoted under."""
+        return HEURISTIC if self.trained is None else self.trained.factorization.name
+
+    @property
+    def per_cell(self) -> int:
+        """Give the trials for each object and type."""
+        return EXPERIMENT_PER_CELL if self.is_experiment else PAPER_PER_CELL
+
+
+def paper_runs() -> list[Run]:
+    """List the heuristic and the ten models, further training seeds after the first of all."""
+    found = [Run(HEURISTIC, None)]
+    models = sorted((name for name in PAPER_MODELS if name != HEURISTIC), key=lambda name: name != FULL_MODEL)
+    for number in range(max(map(len, SEEDS.values()))):
+        found += [Run(trained.name, trained) for name in models for trained in _seed(name, number)]
+    return found
+
+
+def _seed(model: str, number: int) -> Iterable[Trained]:
+    for seed in SEEDS.get(model, (0,))[number : number + 1]:
+        yield Trained(f"{model}_seed{seed}", FACTORIZATIONS[model], _training(seed=seed))
+
+
+def _training(seed: int = 0, **changes: Any) -> CascadeTraining:
+    usual = CascadeTraining(**changes)
+    return replace(usual, training=replace(usual.training, seed=seed))
+
+
+def _with_stages(change: Callable[[Any], Any]) -> Factorization:
+    full = FACTORIZATIONS[FULL_MODEL]
+    return replace(full, stages=tuple(change(stage) for stage in full.stages))
+
+
+def experiments() -> list[Run]:
+    """List what else was tried, each a change of Model 3 in one respect."""
+    usual = Trained(f"{FULL_MODEL}_seed0", FACTORIZATIONS[FULL_MODEL])
+
+    def changed(name: str, **fields: Any) -> Run:
+        return Run(name, replace(usual, name=name, **fields), is_experiment=True)
+
+    def narrower_latent(stage: Any) -> Any:
+        return replace(stage, latent_dim=max(1, stage.latent_dim // 2))
+
+    def wider_latent(stage: Any) -> Any:
+        return replace(stage, latent_dim=2 * stage.latent_dim)
+
+    found = [Run(f"sizes_{mode}", usual, mode, is_experiment=True) for mode in ("paper", "median", "drawn")]
+    found += [
+        changed("learn_from_all_held", training=_training(learn_from="held")),
+        changed("settled_object_pose", training=_training(object_pose="settled")),
+        changed("half_the_latent", factorization=_with_stages(narrower_latent)),
+        changed("twice_the_latent", factorization=_with_stages(wider_latent)),
+        changed("divergence_weight_0.1", factorization=_with_stages(lambda stage: replace(stage, kl_weight=0.1))),
+        changed("divergence_weight_1", factorization=_with_stages(lambda stage: replace(stage, kl_weight=1.0))),
+        changed("layers_half_as_wide", factorization=_with_stages(_scale_layers(0.5))),
+        changed("layers_twice_as_wide", factorization=_with_stages(_scale_layers(2))),
+        changed("1200_trials_per_cell", trials_per_cell=1200),
+        changed("300_trials_per_cell", trials_per_cell=300),
+        changed("opposition_frame", factorization=FACTORIZATIONS["model3_opposition_frame"]),
+    ]
+    return found
+
+
+def _scale_layers(factor: float) -> Callable[[Any], Any]:
+    return lambda stage: replace(stage, hidden=tuple(round(factor * width) for width in stage.hidden))
