@@ -250,6 +250,22 @@ def test_a_training_seed_alone_is_no_difference() -> None:
     assert metadata_differences(one, other) == ""
 
 
+def test_the_experiment_stands_in_for_evaluations_without_a_file_of_their_own(results: Path) -> None:
+    slippery = replace(PAPER, name="slippery", friction=0.3)
+    (results / "heuristic.json").unlink()
+    evaluation(HEURISTIC, 1, 40, 0.1, protocol=slippery).save(results / "a_slippery_heuristic.json")
+    text, runs = page(results), read_paper_runs(results / "paper")
+    assert runs is not None
+    summary = text.split("\n## Success rates under protocol `paper`\n")[1].split("\n## ")[0]
+    assert [line.split(" | ")[0] for line in summary.strip().splitlines()[2:]] == [
+        "| heuristic", "| model3, 3 training seeds",
+    ]  # fmt: skip
+    base = runs.runs[HEURISTIC].pooled.total
+    conditions = text.split("\n## Other conditions\n")[1].split("\n## ")[0]
+    found = row(conditions, "heuristic", "`slippery`")
+    assert points(Evaluation.load(results / "a_slippery_heuristic.json").total.held_over(base)) in found
+
+
 def test_experiments_are_compared_with_model3_under_the_same_conditions_only(results: Path) -> None:
     folder = results / "paper" / "experiments"
     better = trained("model3", 0, 0.97, 11)

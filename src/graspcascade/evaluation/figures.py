@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import read_json
 from ..pictures.paper import FAINT, INK, blank_figure, save_png
 from .curves import StageCurves, TrainingCurves
-from .gallery import TRAINING_CURVES, heat_map_name, pooled_heat_map_name
+from .entries import read_results
+from .gallery import TRAINING_CURVES, pooled_heat_map_name
 from .paper_runs import PAPER_FOLDER, read_paper_runs
-from .published import HEURISTIC, MAIN_MODELS
-from .record import Cell, Evaluation, is_evaluation
+from .published import MAIN_MODELS
+from .record import Cell, Evaluation
 
 _SETTLED_AFTER = 10
 """A scale is that of the losses after one in so many of the epochs."""
@@ -26,7 +26,7 @@ _NAMES_SHOWN = 3
 
 
 def heat_maps(results_dir: Path | str, folder: Path | str) -> list[Path]:
-    """Draw one heat map for each evaluation, of those in a folder of JSON files, under the page's protocol.
+    """Draw one heat map for each evaluation under the page's conditions that has a file of its own.
 
     Args:
         results_dir: folder of the JSON files.
@@ -36,18 +36,16 @@ def heat_maps(results_dir: Path | str, folder: Path | str) -> list[Path]:
         The files written, by name.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed, or the folder holds no evaluation.
         FileFormatError: a file is not JSON, or an evaluation that contradicts itself.
     """
-    paths = sorted(Path(results_dir).glob("*.json"), key=lambda path: (path.stem != HEURISTIC, path.stem))
-    found = {path.stem: Evaluation.load(path) for path in paths if is_evaluation(read_json(path))}
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for stem, evaluation in found.items():
-        if evaluation.protocol == next(iter(found.values())).protocol:
-            written.append(folder / heat_map_name(stem))
-            save_png(success_heat_map(evaluation), written[-1])
+    for entry in read_results(results_dir).same:
+        if entry.has_own_file:
+            written.append(folder / entry.heat_map)
+            save_png(success_heat_map(entry.evaluation), written[-1])
     return written
 
 

@@ -2,49 +2,28 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from ..errors import FileFormatError, InputError
-from ..files import read_json, write_text
+from ..files import write_text
 from ..trials import VERDICTS
-from .gallery import Gallery, heat_map_name
+from .entries import Entry, ResultsFolder, read_results
+from .gallery import Gallery
 from .markdown import MISSING, over, pair, percent, plain, rate, table, widest
 from .measurements import measurement_section, spread
-from .paper_runs import PAPER_FOLDER, read_paper_runs
 from .paper_tables import paper_section
 from .published import HEURISTIC
-from .record import Evaluation, Tally, is_evaluation
+from .record import Evaluation, Tally
 
 NOTES_FILE = "notes.md"
-
-
-@dataclass(frozen=True)
-class _Entry:
-    """Hold one evaluation, its file's stem and the name it goes by on the page."""
-
-    stem: str
-    evaluation: Evaluation
-    label: str
-
-    @property
-    def conditions(self) -> dict[str, Any]:
-        """Give all that must agree for two rates to be compared as two models."""
-        return {"hand": self.evaluation.hand} | self.evaluation.protocol.to_json()
-
-    @property
-    def total(self) -> Tally:
-        return self.evaluation.total
 
 
 def report(results_dir: Path | str, out: Path | str, figures: Path | str | None = None) -> None:
     """Write the results page from a folder of JSON files.
 
     Evaluations come first, the heuristic before all; a folder `paper` among them becomes the section of the paper's
-    tables; other JSON objects follow as tables. The text of `notes.md` in the folder, if there, becomes the section
+    tables, and stands in for the heuristic and the full model where these have no file of their own; other JSON objects
+    follow as tables. The text of `notes.md` in the folder, if there, becomes the section
     "What falls short". The same files give the same page.
 
     Args:
@@ -64,54 +43,21 @@ def report(results_dir: Path | str, out: Path | str, figures: Path | str | None 
 
 def render(folder: Path, gallery: Gallery) -> str:
     """Word the results page."""
-    paper = read_paper_runs(folder / PAPER_FOLDER)
-    entries, measurements = _read(folder)
-    base = entries[0]
-    same = [entry for entry in entries if entry.conditions == base.conditions]
-    other = [entry for entry in entries if entry.conditions != base.conditions]
-    blocks = [_opening(folder), _protocol_section(base), _summary_section(same, base)]
-    if paper is not None:
-        blocks.append(paper_section(paper, gallery))
-    blocks.append(_verdict_section(entries))
-    if other:
-        blocks.append(_conditions_section(other, same, base))
-    if measurements:
-        sections = [measurement_section(stem, data) for stem, data in measurements.items()]
+    found = read_results(folder)
+    blocks = [_opening(folder), _protocol_section(found.base), _summary_section(found.same, found.base)]
+    if found.paper is not None:
+        blocks.append(paper_section(found.paper, gallery))
+    blocks.append(_verdict_section(found.entries))
+    if found.other:
+        blocks.append(_conditions_section(found))
+    if found.measurements:
+        sections = [measurement_section(stem, data) for stem, data in found.measurements.items()]
         blocks.append("\n\n".join(["## Other measurements", *sections]))
     notes = folder / NOTES_FILE
     if notes.is_file():
         blocks.append("## What falls short\n\n" + notes.read_text(encoding="utf-8").strip("\n"))
-    blocks += [_model_section(entry, gallery) for entry in same]
+    blocks += [_model_section(entry, gallery) for entry in found.same]
     return "\n\n".join(blocks) + "\n"
-
-
-def _read(folder: Path) -> tuple[list[_Entry], dict[str, Mapping[str, Any]]]:
-    found, measurements = [], {}
-    for path in sorted(folder.glob("*.json"), key=_order):
-        data = read_json(path)
-        if is_evaluation(data):
-            found.append((path.stem, Evaluation.load(path)))
-        elif isinstance(data, Mapping):
-            measurements[path.stem] = data
-        else:
-            raise FileFormatError(f"{path} is neither an evaluation nor a JSON object of measurements")
-    if not found:
-        raise InputError(
-            f"{folder} holds no evaluation; copy the evaluation.json of `graspcascade evaluate --out` there"
-        )
-    entries, taken = [], set()
-    for stem, evaluation in found:
-        name = (evaluation.model, evaluation.protocol.name)
-        # The first to bear a name keeps it; further training seeds, or hands, are told apart by their files.
-        entries.append(_Entry(stem, evaluation, f"{evaluation.model} ({stem})" if name in taken else evaluation.model))
-        taken.add(name)
-    return entries, measurements
-
-
-def _order(path: Path) -> tuple[bool, list[tuple[bool, int, str]]]:
-    """Put the heuristic first and `model10` after `model9`."""
-    parts = re.findall(r"\d+|\D+", path.stem)
-    return path.stem != HEURISTIC, [(p.isdigit(), int(p) if p.isdigit() else 0, p) for p in parts]
 
 
 def _opening(folder: Path) -> str:
@@ -126,7 +72,7 @@ for a rate (DOI `10.1080/01621459.1927.10502953`), Newcombe's hybrid score inter
 Sides are drawn uniformly from each object's graspable sides; every grasp that a model gives is executed and counted."""
 
 
-def _protocol_section(base: _Entry) -> str:
+def _protocol_section(base: Entry) -> str:
     protocol = base.evaluation.protocol
     rows = [(name, plain(value)) for name, value in protocol.to_json().items() if name != "name"]
     return "\n\n".join(
@@ -134,7 +80,7 @@ def _protocol_section(base: _Entry) -> str:
     )
 
 
-def _summary_section(entries: Sequence[_Entry], base: _Entry) -> str:
+def _summary_section(entries: Sequence[Entry], base: Entry) -> str:
     heuristic = next((entry for entry in entries if entry.evaluation.model == HEURISTIC), None)
     header = ("model", "trials", "held", "faithful", "held, points over heuristic", "faithful, points over heuristic")
     rows = []
@@ -148,7 +94,7 @@ def _summary_section(entries: Sequence[_Entry], base: _Entry) -> str:
     return "\n\n".join([f"## Success rates under protocol `{base.evaluation.protocol.name}`", table(header, rows)])
 
 
-def _verdict_section(entries: Sequence[_Entry]) -> str:
+def _verdict_section(entries: Sequence[Entry]) -> str:
     header = ("model", "protocol", "trials", *(f"{verdict} %" for verdict in VERDICTS))
     rows = [
         [
@@ -163,15 +109,16 @@ def _verdict_section(entries: Sequence[_Entry]) -> str:
     return "\n\n".join(["## Verdicts", text, table(header, rows, text_columns=2)])
 
 
-def _conditions_section(other: Sequence[_Entry], same: Sequence[_Entry], base: _Entry) -> str:
+def _conditions_section(found: ResultsFolder) -> str:
+    base = found.base
     name = base.evaluation.protocol.name
     header = (
         "model", "protocol", "what differs", "trials", "held", "faithful", f"held, points over `{name}`",
         f"faithful, points over `{name}`",
     )  # fmt: skip
     rows = []
-    for entry in other:
-        usual = next((e for e in same if e.evaluation.model == entry.evaluation.model), None)
+    for entry in found.other:
+        usual = next((e for e in found.same if e.evaluation.model == entry.evaluation.model), None)
         differing = [
             f"{key} {plain(value)} (`{name}`: {plain(base.conditions[key])})"
             for key, value in entry.conditions.items()
@@ -192,10 +139,10 @@ def _conditions_section(other: Sequence[_Entry], same: Sequence[_Entry], base: _
     return "\n\n".join(["## Other conditions", text, table(header, rows, text_columns=3)])
 
 
-def _model_section(entry: _Entry, gallery: Gallery) -> str:
+def _model_section(entry: Entry, gallery: Gallery) -> str:
     found = entry.evaluation
     facts = [
-        f"File `{entry.stem}.json`, protocol `{found.protocol.name}`, hand `{found.hand}`, {found.n} trials, "
+        f"{entry.source}, protocol `{found.protocol.name}`, hand `{found.hand}`, {found.n} trials, "
         f"{found.per_cell} per cell, seed {found.seed}; "
         + ", ".join(f"{name} {version}" for name, version in found.versions.items())
         + "."
@@ -209,7 +156,7 @@ def _model_section(entry: _Entry, gallery: Gallery) -> str:
             _breakdown("grasp type", {**found.by_type, "all": found.total}),
             _breakdown("object", {**found.by_object, "all": found.total}),
             _matrix(found),
-            *gallery.show(heat_map_name(entry.stem), f"Success of {entry.label} on every object with every grasp type"),
+            *gallery.show(entry.heat_map, f"Success of {entry.label} on every object with every grasp type"),
         ]
     )
 
