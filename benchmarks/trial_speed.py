@@ -27,10 +27,10 @@ from graspcascade.files import write_text
 from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, shadow_hand
 from graspcascade.machine import processors
+from graspcascade.objects import grasp_object
 from graspcascade.postures import PosturePrior
-from graspcascade.trials import COLLECTION, PAPER, run
+from graspcascade.trials import COLLECTION, PAPER, build_scene, run
 from graspcascade.trials.idle import IDLE_SETS, IdleFinder
-from graspcascade.trials.lane import trial_scene
 
 _PARTS = ("kinematics", "collision", "makeConstraint", "fwdVelocity", "fwdConstraint", "implicit", "step")
 
@@ -100,8 +100,13 @@ def step_parts(arguments: Arguments) -> list[dict[str, Any]]:
         spent = dict.fromkeys(_PARTS, 0.0)
         contacts = 0
         rows = [row for row in states if held[row]]
+        # Scenes of its own: gravity and flags are set in them, and those of the runner are shared.
+        scenes = {
+            str(label): build_scene(SHADOW_HAND, grasp_object(str(label)), PAPER, reduced=reduced, without=without)
+            for label in np.unique(grasps.object_label[rows])
+        }
         for row in rows:
-            scene = trial_scene(SHADOW_HAND, str(grasps.object_label[row]), PAPER, reduced, without)
+            scene = scenes[str(grasps.object_label[row])]
             model, data = scene.model, mujoco.MjData(scene.model)
             model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
             data.qpos[scene.joint_qpos] = states[row][: len(grasps.joint_names)][scene.joints]

@@ -1,11 +1,14 @@
 """`bench`: real runs of everything at the smallest size, and the arithmetic on numbers given by hand."""
 
+import importlib.util
 import json
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,7 +19,7 @@ from graspcascade.bench.engine import RawEngine
 from graspcascade.bench.page import fill_page, filled
 from graspcascade.bench.sampling import matrix_products
 from graspcascade.bench.spread import Spread
-from graspcascade.bench.training import Timed, makespan, planned_epochs, training_rows
+from graspcascade.bench.training import FACTORIZATION, Timed, makespan, planned_epochs, training, training_rows
 from graspcascade.bench.trials import (
     Count,
     Repetition,
@@ -27,16 +30,18 @@ from graspcascade.bench.trials import (
     interleave,
 )
 from graspcascade.candidates import cannot_touch
-from graspcascade.cascade import CascadeTraining, GraspSampler
+from graspcascade.cascade import CascadeTraining, GraspSampler, factorization
 from graspcascade.cli import main
 from graspcascade.dataset import Dataset
 from graspcascade.errors import FileFormatError, InputError
 from graspcascade.evaluation import heuristic_source, model_source
 from graspcascade.grasps import Grasps
-from graspcascade.hands import HandModel
+from graspcascade.hands import SHADOW_HAND, HandModel
 from graspcascade.nets import TrainingSpec
 from graspcascade.postures import PosturePrior
 from graspcascade.trials import PAPER, Outcomes, Protocol, run
+from graspcascade.trials.idle import IDLE_SETS
+from graspcascade.trials.lane import trial_scene
 
 CELLS = (("sphere_small", "tripod"), ("box_medium", "tip_pinch"))
 SMALL = BenchSpec(
@@ -246,6 +251,51 @@ def test_training_is_measured_in_part_and_extended(monkeypatch: pytest.MonkeyPat
     assert set(part["epoch_s"]) == {"posture", "position", "rotation"}
     assert part["s"] == pytest.approx(part["measured_s"] + 78 * sum(part["epoch_s"].values()))
     assert part["ratio"] == pytest.approx(part["s"] / part["yardstick_s"])
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 64])
+def test_the_yardstick_of_training_is_shared_among_those_who_train(
+    threads: int, hand: HandModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One worker a stage is all that training can keep busy, so that many times the threads divide nothing more."""
+    stages = [stage.name for stage in factorization(FACTORIZATION).stages]
+    asked: list[int] = []
+
+    def products(*of: object) -> float:
+        asked.append(int(str(of[-1])))
+        return 1.0
+
+    def fit(*of: object) -> Timed:
+        asked.append(int(str(of[-2])))
+        return Timed(1.0, 2, dict.fromkeys(stages, 1.0))
+
+    monkeypatch.setattr("graspcascade.bench.training.products_seconds", products)
+    monkeypatch.setattr("graspcascade.bench.training._fit", fit)
+    dataset, _ = training_rows(None, 100, seed=0)
+    found = training(hand, dataset, epochs_measured=2, workers=threads)
+    assert asked == [min(threads, len(stages))] * 3
+    assert found["workers"] == min(threads, len(stages))
+
+
+def test_timing_the_parts_of_a_step_leaves_the_runners_scenes_alone(
+    monkeypatch: pytest.MonkeyPatch, drawn: Grasps, outcomes: Outcomes
+) -> None:
+    path = Path(__file__).parents[1] / "benchmarks/trial_speed.py"
+    spec = importlib.util.spec_from_file_location("trial_speed", path)
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "trial_speed", script)
+    spec.loader.exec_module(script)
+    some = drawn[outcomes.held][:2]
+    monkeypatch.setattr(script, "collection_grasps", lambda *_: some)
+    monkeypatch.setattr(script, "_least", lambda *_: 1.0)
+    assert {row["step_us"] for row in script.step_parts(script.Arguments())} == {1.0}
+    for label in some.object_label:
+        for without in ((), *IDLE_SETS):
+            option = trial_scene(SHADOW_HAND, str(label), PAPER, True, without).model.opt
+            assert not option.gravity.any()
+            assert not option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 
 
 def test_the_yardstick_of_sampling_does_every_layer(monkeypatch: pytest.MonkeyPatch) -> None:

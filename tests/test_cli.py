@@ -15,6 +15,7 @@ import pytest
 from graspcascade.candidates import candidates, draw_sides
 from graspcascade.cli import main
 from graspcascade.cli.main import VERBS
+from graspcascade.dataset.collect import CollectionState
 from graspcascade.dataset.schema import SCHEMA_VERSION, to_columns
 from graspcascade.dataset.shards import shard_path, write_metadata, write_shard
 from graspcascade.formats import load_document, load_grasps, save_grasps
@@ -457,6 +458,22 @@ def test_collect_writes_a_dataset_and_goes_on_with_the_same_arguments(call: Call
     said = call("train", "--data", tmp_path / "data", "--out", tmp_path / "model")
     assert_refused(said, "at least 100 are needed")
     assert not (tmp_path / "model").exists()
+
+
+def test_collect_says_once_which_shards_it_collects_again(
+    call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def mending(*_: object, progress: Callable[[CollectionState], None], **__: object) -> CollectionState:
+        for lost in (("part-00001.parquet", "part-00007.parquet"), ("part-00007.parquet",), ()):
+            state = CollectionState(8 - len(lost), *[np.full(54, 1200)] * 3, lost)
+            progress(state)
+        return state
+
+    monkeypatch.setattr("graspcascade.cli.collect.collect", mending)
+    said = call("collect", "--out", tmp_path / "data")
+    assert said.status == 0
+    again = "missing or changed shards are collected again: part-00001.parquet, part-00007.parquet"
+    assert said.err == f"graspcascade collect: {again}\n"
 
 
 def test_collect_leaves_a_foreign_folder_alone(call: Call, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ import graspcascade.dataset.collect  # noqa: F401  the module, which the package
 from graspcascade.candidates import cannot_touch
 from graspcascade.dataset import SCHEMA_VERSION, CollectionSpec, collect, load_dataset
 from graspcascade.errors import FileFormatError, InputError
+from graspcascade.files import LOCK_FILE, sole_writer
 from graspcascade.grasps import Grasps
 from graspcascade.hands import HandModel
 from graspcascade.objects import CATALOGUE
@@ -266,6 +267,80 @@ def test_a_collection_cut_off_within_a_round_goes_on_as_if_nothing_had_happened(
     assert contents(tmp_path / "data") == contents(collection)
 
 
+@pytest.mark.parametrize(
+    ("how", "lost", "less"),
+    [("missing", SHARDS[:1], 0), ("missing", SHARDS[1:], 3), ("truncated", SHARDS[1:], 0), ("another", SHARDS, 0)],
+)
+def test_lost_shards_are_collected_again_and_the_others_kept(
+    copy: Path,
+    collection: Path,
+    hand: HandModel,
+    prior: PosturePrior,
+    short: Protocol,
+    how: str,
+    lost: tuple[str, ...],
+    less: int,
+) -> None:
+    for name in lost:
+        content = (copy / name).read_bytes()
+        (copy / name).unlink()
+        if how != "missing":
+            (copy / name).write_bytes(content[:100] if how == "truncated" else content[::-1])
+    written = {name: (copy / name).stat().st_mtime_ns for name in set(SHARDS) - set(lost)}
+    states: list[Any] = []
+    spec = replace(SPEC, trials_per_cell=SPEC.trials_per_cell - less)
+    end = collect(hand, prior, spec, copy, protocol=short, progress=states.append)
+    assert states[0].lost == lost
+    assert states[0].trials.tolist() == [3 * (2 - len(lost))] * 4
+    assert not end.lost
+    assert len(load_dataset(copy).grasps) == 24
+    assert {name: (copy / name).stat().st_mtime_ns for name in written} == written
+    for name in SHARDS:
+        assert (copy / name).read_bytes() == (collection / name).read_bytes()
+    assert less or contents(copy) == contents(collection)
+
+
+def test_a_lost_shard_gets_the_cells_that_it_had(
+    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+) -> None:
+    """Later rounds draw few cells; asked for more, they would draw others."""
+    spec = CollectionSpec(trials_per_cell=0, successes_per_cell=2, most_trials_per_cell=8, round_per_cell=1, seed=3)
+    state = collect(hand, prior, spec, tmp_path / "data", protocol=short)
+    last = tmp_path / "data" / f"part-{state.rounds - 1:05d}.parquet"
+    before = last.read_bytes()
+    assert 0 < len(pq.read_table(last)) < len(FEW_CELLS)
+    last.unlink()
+    collect(hand, prior, replace(spec, successes_per_cell=4), tmp_path / "data", protocol=short)
+    assert last.read_bytes() == before
+
+
+def test_nobody_else_collects_into_a_folder_in_the_meantime(
+    collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+) -> None:
+    refused: list[str] = []
+
+    def meddle(state: Any) -> None:
+        with pytest.raises(InputError, match="another process is writing to"):
+            collect(hand, prior, SPEC, tmp_path / "data", protocol=short)
+        refused.append(state.rounds)
+
+    collect(hand, prior, SPEC, tmp_path / "data", protocol=short, progress=meddle)
+    assert refused == [0, 1, 2]
+    assert contents(tmp_path / "data") == contents(collection)
+    with sole_writer(collection):
+        assert len(load_dataset(collection).grasps) == 24  # reading is free
+
+
+def test_the_lock_of_a_crashed_collection_is_no_hindrance(
+    collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+) -> None:
+    (tmp_path / LOCK_FILE).touch()
+    collect(hand, prior, SPEC, tmp_path, protocol=short)
+    assert contents(tmp_path) == contents(collection)
+    (tmp_path / LOCK_FILE).touch()
+    assert len(load_dataset(tmp_path).grasps) == 24
+
+
 def test_more_may_be_asked_of_a_collection(
     copy: Path, collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol
 ) -> None:
@@ -316,6 +391,29 @@ def test_other_arguments_than_the_collections_own_are_refused_and_nothing_is_los
     with pytest.raises(InputError, match=f"collection with another {changed}"):
         collect(hand, prior, spec, copy, protocol=protocol)
     assert contents(copy) == before
+
+
+def test_a_prior_of_the_joints_in_another_order_is_refused(
+    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+) -> None:
+    other = replace(prior, joint_names=prior.joint_names[::-1])
+    with pytest.raises(InputError, match=r"joints THJ1, .* train the prior for this hand"):
+        collect(hand, other, SPEC, tmp_path / "data", protocol=short)
+    assert not (tmp_path / "data").exists()
+
+
+class OpenHand:
+    """Decode every type to the flat hand, whose opposing places are farther apart than any side is wide."""
+
+    def sample(self, codes: np.ndarray, _: np.random.Generator) -> np.ndarray:
+        return np.zeros((len(codes), 22))
+
+
+def test_a_cell_that_cannot_touch_is_given_up_by_its_name(hand: HandModel, prior: PosturePrior) -> None:
+    open_hand = replace(prior, decoder=OpenHand())
+    spec = CollectionSpec(trials_per_cell=1, round_per_cell=1)
+    with pytest.raises(InputError, match=r"only 0 of 1000 tripod candidates for box_small .* give a prior"):
+        module.draw_round(hand, open_hand, np.arange(2), 0, spec)
 
 
 def test_a_folder_that_holds_something_else_is_refused(

@@ -28,8 +28,9 @@ from graspcascade.evaluation import (
     store,
     wilson,
 )
+from graspcascade.files import LOCK_FILE, sole_writer
 from graspcascade.grasps import Grasps
-from graspcascade.hands import SHADOW_HAND, shadow_hand
+from graspcascade.hands import SHADOW_HAND, HandModel, shadow_hand
 from graspcascade.objects import grasp_object
 from graspcascade.poses import Pose
 from graspcascade.postures import PosturePrior
@@ -251,6 +252,37 @@ def test_a_folder_with_other_files_is_refused(tmp_path: Path, no_physics: list[i
     (tmp_path / "metadata.json").write_text("{")
     with pytest.raises(FileFormatError):
         evaluate("stub", stub, per_cell=1, seed=0, cells=TWO_CELLS, out=tmp_path)
+
+
+def test_a_folder_has_one_evaluation_at_a_time(tmp_path: Path, no_physics: list[int]) -> None:
+    asked: dict[str, Any] = {"per_cell": 4, "seed": 0, "cells": TWO_CELLS, "out": tmp_path}
+
+    def meddled(*args: Any) -> Grasps:
+        with pytest.raises(InputError, match="another process is writing to"), sole_writer(tmp_path):
+            raise AssertionError
+        return stub(*args)
+
+    with sole_writer(tmp_path), pytest.raises(InputError, match="another process is writing to"):
+        evaluate("stub", meddled, **asked)
+    assert no_physics == []
+    (tmp_path / LOCK_FILE).touch()  # as a crash leaves it
+    evaluate("stub", meddled, **asked)
+    assert LOCK_FILE not in {path.name for path in tmp_path.iterdir()}
+    with sole_writer(tmp_path):
+        pass
+
+
+def test_an_evaluation_whose_traceback_is_kept_does_not_keep_its_folder(tmp_path: Path, no_physics: list[int]) -> None:
+    asked: dict[str, Any] = {"per_cell": 2 * ROUND_PER_CELL, "seed": 0, "cells": TWO_CELLS, "out": tmp_path}
+    with pytest.raises(CutOffError) as kept:
+        evaluate("stub", cut_off_after(1), **asked)
+    assert evaluate("stub", stub, **asked) == evaluate("stub", stub, **asked | {"out": None})
+    assert kept.tb is not None
+
+
+def test_a_heuristic_of_another_hands_joints_is_refused(hand: HandModel, prior: PosturePrior) -> None:
+    with pytest.raises(InputError, match="in order"):
+        heuristic_source(hand, replace(prior, joint_names=prior.joint_names[::-1]))
 
 
 @pytest.mark.parametrize(

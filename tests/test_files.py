@@ -1,12 +1,23 @@
-"""Files and folders are whole under their name, or as they were; JSON that cannot be read is named."""
+"""Files and folders are whole under their name, or as they were, and have one writer; unreadable JSON is named."""
 
+import errno
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from graspcascade.errors import FileFormatError
-from graspcascade.files import read_json, write_folder_staged, write_staged, write_text
+from graspcascade.errors import FileFormatError, InputError
+from graspcascade.files import (
+    LOCK_FILE,
+    holds_nothing,
+    read_json,
+    sole_writer,
+    write_folder_staged,
+    write_staged,
+    write_text,
+)
 
 
 class CutOffError(BaseException):
@@ -99,3 +110,83 @@ def test_json_that_cannot_be_read_is_named(tmp_path: Path, content: bytes | None
         path.write_bytes(content)
     with pytest.raises(FileFormatError, match=r"found\.json is not a readable JSON file"):
         read_json(path)
+
+
+# One writer
+
+
+def elsewhere(folder: Path, then: str = "pass") -> subprocess.CompletedProcess[str]:
+    """Ask another process for the folder, and let it do something there."""
+    code = f"import os, pathlib, graspcascade.files as f\nwith f.sole_writer(pathlib.Path({str(folder)!r})): {then}"
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+def test_another_process_is_kept_out_until_the_writer_is_done(tmp_path: Path) -> None:
+    with sole_writer(tmp_path):
+        refused = elsewhere(tmp_path)
+        assert refused.returncode == 1
+        assert f"InputError: another process is writing to {tmp_path}" in refused.stderr
+        # A refusal takes nothing from the one who writes.
+        with pytest.raises(InputError, match="another process is writing"), sole_writer(tmp_path):
+            raise AssertionError
+    assert elsewhere(tmp_path).returncode == 0
+    assert tree(tmp_path) == {}
+
+
+def test_a_writer_that_fails_leaves_a_folder_to_others(tmp_path: Path) -> None:
+    with pytest.raises(CutOffError), sole_writer(tmp_path / "a" / "b"):
+        raise CutOffError
+    assert tree(tmp_path) == {"a": None, "a/b": None}
+    with sole_writer(tmp_path / "a" / "b"):
+        assert holds_nothing(tmp_path / "a" / "b")
+
+
+def test_a_writer_that_crashed_leaves_a_folder_to_others(tmp_path: Path) -> None:
+    assert elsewhere(tmp_path, "os._exit(7)").returncode == 7
+    assert tree(tmp_path) == {LOCK_FILE: b""}
+    assert holds_nothing(tmp_path)
+    with sole_writer(tmp_path):
+        pass
+    assert tree(tmp_path) == {}
+
+
+def test_a_lock_whose_file_was_just_removed_is_not_taken_for_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    flock, locked = fcntl.flock, []
+
+    def late(descriptor: int, operation: int) -> None:
+        if not locked:
+            (tmp_path / LOCK_FILE).unlink()  # as the writer before does when it is done
+        flock(descriptor, operation)
+        locked.append(descriptor)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with sole_writer(tmp_path):
+        assert len(locked) == 2
+        with pytest.raises(InputError), sole_writer(tmp_path):
+            raise AssertionError
+
+
+def test_a_system_without_locks_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    with sole_writer(tmp_path), sole_writer(tmp_path):
+        assert tree(tmp_path) == {}
+
+
+def test_a_file_system_without_locks_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_locks(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "no locks available")
+
+    monkeypatch.setattr("fcntl.flock", no_locks)
+    with sole_writer(tmp_path), sole_writer(tmp_path):
+        pass
+    assert tree(tmp_path) == {}
+
+
+def test_a_file_is_no_folder_to_write_to(tmp_path: Path) -> None:
+    write_text(tmp_path / "mine.txt", "mine")
+    with pytest.raises(InputError, match=r"mine\.txt is not a folder"), sole_writer(tmp_path / "mine.txt"):
+        raise AssertionError
+    assert tree(tmp_path) == {"mine.txt": b"mine"}

@@ -43,6 +43,40 @@ def test_a_protocol_is_plain_numbers_by_name() -> None:
     assert Protocol(**PAPER.to_json()) == PAPER
 
 
+@pytest.mark.parametrize("name", [name for name in PAPER.to_json() if name != "name"])
+def test_no_number_of_a_protocol_is_negative_or_endless(name: str) -> None:
+    for wrong in (-0.001, float("nan"), float("inf"), float("-inf")):
+        with pytest.raises(InputError, match=f"{name} of a protocol must be a finite number"):
+            replace(PAPER, **{name: wrong})
+
+
+@pytest.mark.parametrize("name", ["time_step_s", "close_s", "shake_frequency_hz", "displacement_m", "density_factor"])
+def test_what_no_trial_can_do_without_is_above_zero(name: str) -> None:
+    with pytest.raises(InputError, match=f"{name} of a protocol must be a finite number above 0, got 0"):
+        replace(PAPER, **{name: 0})
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"shake_cycles": 1.5}, "whole number, got 1.5"),
+        ({"close_s": 0.001, "settle_s": 0.0}, "at least one time step"),
+        ({"shake_cycles": 0, "gravity_s": 0.0}, "at least one time step"),
+    ],
+)
+def test_a_protocol_without_a_phase_is_refused(wrong: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        replace(PAPER, **wrong)
+
+
+@pytest.mark.parametrize("absent", [{"shake_cycles": 0}, {"gravity_s": 0.0}, {"settle_s": 0.0}, {"overlap_m": 0.0}])
+def test_what_a_trial_can_do_without_may_be_zero(absent: dict[str, float]) -> None:
+    varied = replace(PAPER, **absent)
+    steps = (varied.closing_steps, varied.shake_steps, round(varied.gravity_s / varied.time_step_s))
+    assert varied.gravity.shape == (sum(steps), 3)
+    assert (varied.gravity[sum(steps[:2]) :] == [0.0, 0.0, -9.81]).all()
+
+
 @given(time_step_s=st.sampled_from([0.001, 0.002, 0.003, 0.004, 0.005]), close_s=st.sampled_from([0.2, 0.5, 1.0]))
 def test_the_targets_ramp_evenly_from_pregrasp_to_posture_and_stay(time_step_s: float, close_s: float) -> None:
     varied = replace(PAPER, time_step_s=time_step_s, close_s=close_s)

@@ -14,8 +14,19 @@ from graspcascade.hands import SHADOW_HAND, HandModel
 from graspcascade.objects import grasp_object
 from graspcascade.poses import Pose
 from graspcascade.taxonomy import DIGITS
-from graspcascade.trials import PAPER, TOUCH_COLUMNS, VERDICTS, Outcomes, Protocol, run
+from graspcascade.trials import (
+    COLLECTION,
+    PAPER,
+    TOUCH_COLUMNS,
+    VERDICTS,
+    CreepProjection,
+    Outcomes,
+    Protocol,
+    run,
+    runner,
+)
 from graspcascade.trials import scene as scene_module
+from graspcascade.trials.idle import IdleFinder
 from graspcascade.trials.runner import CHECK_STEPS
 
 
@@ -111,6 +122,34 @@ def test_an_object_heavier_than_the_fingers_can_hold_is_not_held(
 ) -> None:
     heavy = run(drawn[outcomes.held], replace(short, density_factor=100.0))
     assert not heavy.held.any()
+
+
+@pytest.mark.parametrize("creep", [None, COLLECTION])
+def test_without_a_shake_the_object_carries_its_weight_all_the_same(
+    drawn: Grasps, outcomes: Outcomes, short: Protocol, creep: CreepProjection | None
+) -> None:
+    still, some = replace(short, shake_cycles=0), drawn[outcomes.held][:8]
+    assert run(some, still, creep=creep).held.sum() >= 6
+    heavy = run(some, replace(still, density_factor=100.0), creep=creep)
+    assert set(heavy.verdict) <= {"dropped", "missed"}
+    assert "dropped" in heavy.verdict
+
+
+def test_without_a_shake_trials_that_go_on_with_all_digits_carry_weight_too(
+    drawn: Grasps, outcomes: Outcomes, short: Protocol
+) -> None:
+    """As if every object came near the digits left out, trials are taken up again from where closing left them."""
+    still, some = replace(short, shake_cycles=0, density_factor=100.0), drawn[outcomes.held][:4]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(IdleFinder, "find", lambda *_: None)
+        whole = run(some, still)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(IdleFinder, "slack", lambda *_: 0.0)
+        patch.setattr(runner, "object_moved", lambda _, a, b: np.full(len(a), np.inf))
+        again = run(some, still)
+    assert "dropped" in again.verdict
+    assert "held" not in again.verdict
+    assert_same(whole, again)
 
 
 def test_hardly_any_grasp_holds_without_friction(drawn: Grasps, outcomes: Outcomes, short: Protocol) -> None:

@@ -1,15 +1,22 @@
-"""Files and folders that appear under their final name only when complete; JSON read with a word on what is wrong."""
+"""Files and folders that are whole under their name and have one writer; JSON read with a word on what is wrong."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from .errors import FileFormatError
+from .errors import FileFormatError, InputError
+
+LOCK_FILE = ".lock"
+"""Name of the file by which `sole_writer` keeps others out of a folder."""
+_NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)
+"""What some network file systems answer to a lock; it must not keep anybody from writing there."""
 
 
 def write_staged(path: Path, write: Callable[[Path], object]) -> None:
@@ -51,6 +58,39 @@ def write_text(path: Path, text: str) -> None:
     write_staged(path, lambda staged: staged.write_text(text, encoding="utf-8"))
 
 
+@contextlib.contextmanager
+def sole_writer(folder: Path) -> Iterator[None]:
+    """Keep everybody else who asks for the same from a folder while the block runs.
+
+    The lock ends with the process, however that ends; its file is then removed or, after a crash, without effect.
+    Where the system or the file system knows no locks, nobody is kept out.
+
+    Args:
+        folder: made if needed.
+
+    Raises:
+        InputError: another process, or another call in this one, is writing to the folder, or it is no folder.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is not a folder; give an empty or new one")
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / LOCK_FILE
+    descriptor = _lock(path)
+    try:
+        yield
+    finally:
+        if descriptor is not None:
+            # Removed while it is still locked: who locks it from here on finds that it has lost its name.
+            with contextlib.suppress(OSError):
+                path.unlink()
+            os.close(descriptor)
+
+
+def holds_nothing(folder: Path) -> bool:
+    """Tell whether a folder is empty but for what `sole_writer` may put there."""
+    return all(path.name == LOCK_FILE for path in folder.iterdir())
+
+
 def read_json(path: Path) -> Any:
     """Read a JSON file.
 
@@ -61,6 +101,42 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise FileFormatError(f"{path} is not a readable JSON file: {error}") from error
+
+
+def _lock(path: Path) -> int | None:
+    """Open a file and lock it if the file system can; None where the system knows no locks.
+
+    Raises:
+        InputError: somebody else holds the lock.
+    """
+    try:
+        import fcntl  # only Unix has it
+    except ImportError:
+        return None
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            raise InputError(
+                f"another process is writing to {path.parent}; wait until it is done, or give another folder"
+            ) from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                os.close(descriptor)
+                raise
+        if _is_at(descriptor, path):
+            return descriptor
+        os.close(descriptor)
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    """Tell whether an open file still has its name, which whoever held its lock before may have taken from it."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def _staged(path: Path) -> Path:

@@ -120,10 +120,12 @@ def training(
         dataset: the rows.
         epochs_measured: epochs to train, at least 2.
         full: train to the end instead.
-        workers: processes.
+        workers: processes; more than there are stages have nothing to do.
         tell: hears how far it is.
     """
     config, chosen = CascadeTraining(), factorization(FACTORIZATION)
+    # The yardstick is shared among those who train, not among all who could.
+    workers = min(workers, len(chosen.stages))
     specs = stage_specs(hand, dataset, chosen, config)
     epochs, batches = planned_epochs(config.training, len(dataset.grasps))
     full = full or epochs <= epochs_measured

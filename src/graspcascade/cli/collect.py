@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -41,9 +42,14 @@ class Collect:
         at_least("seed", self.spec.seed, 0)
         at_least("threads", self.threads, 0)
         prior = PosturePrior.pretrained() if self.prior is None else PosturePrior.load(self.prior)
+        lost: list[str] = []
         with bar("trials", self._target) as progress:
 
             def report(state: CollectionState) -> None:
+                if state.lost and not lost:
+                    lost.extend(state.lost)
+                    said = f"missing or changed shards are collected again: {', '.join(lost)}"
+                    print(f"graspcascade collect: {said}", file=sys.stderr)
                 progress.show(self._done(state), note=f"held {_rate(state)}")
 
             state = collect(

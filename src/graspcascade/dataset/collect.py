@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..candidates import candidates, cannot_touch, draw_sides
 from ..errors import InputError
+from ..files import holds_nothing, sole_writer
 from ..grasps import Grasps
 from ..hands import HandModel
 from ..machine import peak_rss_mb
@@ -25,6 +26,7 @@ from ..trials import COLLECTION, PAPER, CreepProjection, Protocol, run
 from .schema import SCHEMA_VERSION, to_columns
 from .shards import (
     METADATA_FILE,
+    is_intact,
     read_metadata,
     refuse_other_arguments,
     shard_path,
@@ -34,6 +36,8 @@ from .shards import (
 
 CELLS: tuple[tuple[str, str], ...] = tuple((label, name) for label in CATALOGUE for name in GRASP_TYPES)
 """Every (object label, grasp type), the unit that collection fills evenly."""
+MOST_DRAWS_PER_TRIAL = 1000
+"""Candidates drawn of a cell for each trial of a round before it is called hopeless; the shipped prior needs three."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +69,17 @@ class CollectionSpec:
 
 @dataclass(frozen=True)
 class CollectionState:
-    """Report how far a collection is: rounds written, trials and held grasps of each cell ``(54,)``."""
+    """Report how far a collection is: rounds written, trials and held grasps of each cell ``(54,)``.
+
+    `lost` names the shards that are missing or no longer what was written; they are collected again before anything
+    else, and count for nothing until then.
+    """
 
     rounds: int
     trials: NDArray[np.int64]
     held: NDArray[np.int64]
     faithful: NDArray[np.int64]
+    lost: tuple[str, ...] = ()
 
     def short(self, spec: CollectionSpec) -> NDArray[np.int64]:
         """Give the indices in `CELLS` of those that lack trials or successes."""
@@ -96,6 +105,8 @@ def collect(
 ) -> CollectionState:
     """Collect trials into a folder, going on where an earlier call with the same arguments was cut off.
 
+    Shards that were lost since are collected again, with the same rows.
+
     Args:
         hand: the hand.
         prior: where postures come from.
@@ -108,33 +119,39 @@ def collect(
         tick: called within a round with the number of trials decided since the last call.
 
     Raises:
-        InputError: the folder holds a collection with other arguments, or something else.
+        InputError: the folder holds a collection with other arguments, or something else, or another process is
+            collecting into it; or the prior is of another hand, or its postures can hardly touch an object.
         FileFormatError: the metadata of its collection cannot be read.
     """
     folder = Path(folder)
-    metadata = _open(folder, hand, prior, spec, protocol, creep)
-    state = _state(metadata)
-    while True:
-        if progress is not None:
-            progress(state)
-        cells = state.unfinished(spec)
-        if not cells.size:
-            return state
-        begun = time.perf_counter()
-        grasps, skipped = draw_round(hand, prior, cells, state.rounds, spec)
-        outcomes = run(grasps, protocol, hand=hand.description, n_threads=n_threads, creep=creep, progress=tick)
-        path = shard_path(folder, state.rounds)
-        digest = write_shard(path, to_columns(grasps, outcomes))
-        counts = _count(grasps, outcomes.held, outcomes.faithful(grasps))
-        metadata["shards"].append(
-            {"file": path.name, "sha256": digest, "rows": len(grasps), "screened_out": skipped} | counts
-        )
-        # Kept apart from what the same seed gives again.
-        spent = {"seconds": round(time.perf_counter() - begun, 3), "peak_rss_mb": round(peak_rss_mb(), 1)}
-        metadata.setdefault("effort", {})[path.name] = spent
-        metadata["counts"] = _totals(metadata)
-        write_metadata(folder, metadata)
-        state = _state(metadata)
+    prior.check_hand(hand)
+    with sole_writer(folder):
+        metadata = _open(folder, hand, prior, spec, protocol, creep)
+        shards = metadata["shards"]
+        lost = [n for n, shard in enumerate(shards) if not is_intact(folder / shard["file"], shard["sha256"])]
+        while True:
+            state = _state(shards, lost)
+            if progress is not None:
+                progress(state)
+            # A lost shard gets the cells that it had, as its counts tell, whatever is asked for by now.
+            number = lost[0] if lost else len(shards)
+            cells = np.flatnonzero(shards[number]["trials"]) if lost else state.unfinished(spec)
+            if not cells.size:
+                return state
+            begun = time.perf_counter()
+            grasps, skipped = draw_round(hand, prior, cells, number, spec)
+            outcomes = run(grasps, protocol, hand=hand.description, n_threads=n_threads, creep=creep, progress=tick)
+            path = shard_path(folder, number)
+            digest = write_shard(path, to_columns(grasps, outcomes))
+            counts = _count(grasps, outcomes.held, outcomes.faithful(grasps))
+            shard = {"file": path.name, "sha256": digest, "rows": len(grasps), "screened_out": skipped} | counts
+            shards[number : number + 1] = [shard]
+            del lost[:1]
+            # Kept apart from what the same seed gives again.
+            spent = {"seconds": round(time.perf_counter() - begun, 3), "peak_rss_mb": round(peak_rss_mb(), 1)}
+            metadata.setdefault("effort", {})[path.name] = spent
+            metadata["counts"] = _totals(shards)
+            write_metadata(folder, metadata)
 
 
 def draw_round(
@@ -144,16 +161,27 @@ def draw_round(
 
     Returns:
         The candidates, `round_per_cell` for each cell, and how many were skipped.
+
+    Raises:
+        InputError: hardly any candidate of a cell can touch (see `MOST_DRAWS_PER_TRIAL`).
     """
     parts, skipped = [], 0
+    most = MOST_DRAWS_PER_TRIAL * spec.round_per_cell
     for cell in cells:
         label, kind = CELLS[cell]
         rng = np.random.default_rng([spec.seed, number, int(cell)])
         kept: list[Grasps] = []
-        missing = spec.round_per_cell
+        missing, n_drawn = spec.round_per_cell, 0
         while missing > 0:
+            if n_drawn >= most:
+                raise InputError(
+                    f"only {spec.round_per_cell - missing} of {n_drawn} {kind} candidates for {label} can touch it, as "
+                    "their opposing places are farther apart than its sides are wide; "
+                    f"give a prior whose {kind} postures are narrower"
+                )
             labels, kinds = np.full(2 * missing, label), np.full(2 * missing, kind)
             drawn = candidates(hand, prior.sample(kinds, rng), kinds, labels, draw_sides(labels, rng), rng)
+            n_drawn += len(drawn)
             hopeless = cannot_touch(hand, drawn)
             useful = np.flatnonzero(~hopeless)[:missing]
             # Draws beyond the last one taken were not looked at and do not count as skipped.
@@ -200,9 +228,8 @@ def _open(
         refuse_other_arguments(folder, "a collection", found, identity)
         # More may be asked of a finished collection: rows so far stay what they are.
         return found | {"collection": asdict(spec)}
-    if folder.exists() and any(folder.iterdir()):
+    if not holds_nothing(folder):
         raise InputError(f"{folder} is not empty and holds no collection; give an empty or new folder")
-    folder.mkdir(parents=True, exist_ok=True)
     metadata = identity | {"collection": asdict(spec), "counts": {}, "shards": []}
     write_metadata(folder, metadata)
     return metadata
@@ -219,23 +246,24 @@ def _count(grasps: Grasps, held: NDArray[np.bool_], faithful: NDArray[np.bool_])
     return {"trials": per_cell(np.ones_like(held)), "held": per_cell(held), "faithful": per_cell(faithful)}
 
 
-def _state(metadata: dict[str, Any]) -> CollectionState:
-    shards = metadata["shards"]
+def _state(shards: Sequence[dict[str, Any]], lost: Collection[int] = ()) -> CollectionState:
+    found = [shard for number, shard in enumerate(shards) if number not in lost]
 
     def total(key: str) -> NDArray[np.int64]:
-        counts: NDArray[np.int64] = np.array([s[key] for s in shards], dtype=np.int64).reshape(-1, len(CELLS))
+        counts: NDArray[np.int64] = np.array([s[key] for s in found], dtype=np.int64).reshape(-1, len(CELLS))
         return np.asarray(counts.sum(axis=0))
 
-    return CollectionState(len(shards), total("trials"), total("held"), total("faithful"))
+    files = tuple(str(shards[number]["file"]) for number in lost)
+    return CollectionState(len(found), total("trials"), total("held"), total("faithful"), files)
 
 
-def _totals(metadata: dict[str, Any]) -> dict[str, Any]:
-    state = _state(metadata)
+def _totals(shards: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    state = _state(shards)
     return {
         "trials": int(state.trials.sum()),
         "held": int(state.held.sum()),
         "faithful": int(state.faithful.sum()),
-        "screened_out": sum(s["screened_out"] for s in metadata["shards"]),
+        "screened_out": sum(s["screened_out"] for s in shards),
         "cells": [
             {"object": o, "grasp_type": t, "trials": int(n), "held": int(h), "faithful": int(f)}
             for (o, t), n, h, f in zip(CELLS, state.trials, state.held, state.faithful, strict=True)

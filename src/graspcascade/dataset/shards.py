@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,14 @@ def shard_path(folder: Path, number: int) -> Path:
     return folder / f"part-{number:05d}.parquet"
 
 
+def shards_digest(metadata: Mapping[str, Any]) -> str:
+    """Give a short digest of all shards' checksums, by which a trained model names its dataset."""
+    digest = hashlib.sha256()
+    for shard in metadata.get("shards", []):
+        digest.update(shard["sha256"].encode())
+    return digest.hexdigest()[:16]
+
+
 def write_shard(path: Path, columns: Columns) -> str:
     """Write one shard atomically and return its sha256."""
     import pyarrow as pa
@@ -52,6 +61,14 @@ def write_shard(path: Path, columns: Columns) -> str:
     }
     write_staged(path, lambda staged: pq.write_table(pa.table(arrays), staged, compression="zstd"))
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def is_intact(path: Path, sha256: str) -> bool:
+    """Tell whether a shard is there with the content that its checksum is of."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest() == sha256
+    except FileNotFoundError:
+        return False
 
 
 def write_metadata(folder: Path, metadata: dict[str, Any]) -> None:

@@ -65,7 +65,7 @@ def evaluate(
 
     Raises:
         InputError: nothing to do, an unknown name, a source that answers something else than it was asked, or a
-            folder that holds an evaluation with other arguments.
+            folder that holds an evaluation with other arguments or that another process is writing to.
         FileFormatError: the folder holds something else.
     """
     cells = tuple((grasp_object(label).label, grasp_type(kind).name) for label, kind in cells)
@@ -84,15 +84,15 @@ def evaluate(
         "round_per_cell": ROUND_PER_CELL,
         "versions": versions(),
     }
-    store = RoundStore.open(out, identity, len(cells))
     rounds = [min(ROUND_PER_CELL, per_cell - start) for start in range(0, per_cell, ROUND_PER_CELL)]
-    if store.finished:
-        store.check_source(_draw(source, cells, rounds[0], seed, 0, hand))
-    done = _Progress(progress, store.trials, per_cell * len(cells))
-    for number in range(store.finished, len(rounds)):
-        grasps = _draw(source, cells, rounds[number], seed, number, hand)
-        outcomes = run(grasps, protocol, hand=hand, n_threads=n_threads, progress=done)
-        store.append(grasps, outcomes, _count(len(cells), rounds[number], grasps, outcomes))
+    with RoundStore.open(out, identity, len(cells)) as store:
+        if store.finished:
+            store.check_source(_draw(source, cells, rounds[0], seed, 0, hand))
+        done = _Progress(progress, store.trials, per_cell * len(cells))
+        for number in range(store.finished, len(rounds)):
+            grasps = _draw(source, cells, rounds[number], seed, number, hand)
+            outcomes = run(grasps, protocol, hand=hand, n_threads=n_threads, progress=done)
+            store.append(grasps, outcomes, _count(len(cells), rounds[number], grasps, outcomes))
     evaluation = Evaluation(
         protocol=protocol,
         model=name,

@@ -36,7 +36,12 @@ class RowSampler(Protocol):
 
 
 def heuristic_source(hand: HandModel, prior: PosturePrior) -> Source:
-    """Give the paper's heuristic: postures of the prior, placed as they come and not screened."""
+    """Give the paper's heuristic: postures of the prior, placed as they come and not screened.
+
+    Raises:
+        InputError: the prior is of other joints than the hand.
+    """
+    prior.check_hand(hand)
 
     def draw(grasp_types: Names, object_labels: Names, side_axes: Names, rng: np.random.Generator) -> Grasps:
         postures = prior.sample(grasp_types, rng)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +22,7 @@ from ..dataset.shards import (
     write_shard,
 )
 from ..errors import FileFormatError, InputError
+from ..files import holds_nothing, sole_writer
 from ..grasps import Grasps
 from ..trials import VERDICTS, Outcomes
 
@@ -51,22 +54,29 @@ class RoundStore:
     counts: list[Counts] = field(default_factory=list)
 
     @classmethod
-    def open(cls, folder: Path | str | None, identity: dict[str, Any], n_cells: int) -> RoundStore:
-        """Open a folder, new or of an earlier call with the same arguments.
+    @contextmanager
+    def open(cls, folder: Path | str | None, identity: dict[str, Any], n_cells: int) -> Iterator[RoundStore]:
+        """Open a folder, new or of an earlier call with the same arguments, and keep others out while it is open.
 
         Raises:
-            InputError: the folder holds an evaluation with other arguments, or other files.
+            InputError: the folder holds an evaluation with other arguments, or other files, or another process is
+                writing to it.
             FileFormatError: its metadata is unreadable.
         """
         fresh = {"schema_version": SCHEMA_VERSION, "kind": _KIND} | identity
         if folder is None:
-            return cls(None, {}, n_cells)
+            yield cls(None, {}, n_cells)
+            return
         folder = Path(folder)
+        with sole_writer(folder):
+            yield cls._open(folder, fresh, n_cells)
+
+    @classmethod
+    def _open(cls, folder: Path, fresh: dict[str, Any], n_cells: int) -> RoundStore:
         if (folder / METADATA_FILE).exists():
             return cls._resume(folder, fresh, n_cells)
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        if not holds_nothing(folder):
             raise InputError(f"{folder} is not empty and holds no evaluation; give an empty or new folder")
-        folder.mkdir(parents=True, exist_ok=True)
         store = cls(folder, fresh | {"count_columns": [*VERDICTS, "faithful"], "rounds": [], "shards": []}, n_cells)
         write_metadata(folder, store.metadata)
         return store

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,15 @@ from .heads import HeadSpec, concentration, normalised
 from .specs import VaeSpec
 
 Mode = Literal["sample", "mean"]
+
+
+class Digest(Protocol):
+    """Name the one method of a `hashlib` digest that is used."""
+
+    def update(self, data: bytes, /) -> object:
+        """Take more bytes into account."""
+        ...
+
 
 _BLOCK = 512
 """Fewest rows to take through the layers at a time: the hidden units of as many stay in cache, and the matrix products
@@ -68,6 +77,12 @@ class NumpyDecoder:
             named[_name(index, "weight")] = np.ascontiguousarray(layer.matrix.T)
             named[_name(index, "bias")] = layer.bias
         return named
+
+    def digest_into(self, digest: Digest) -> None:
+        """Feed the weights into a digest such as `hashlib.sha256()`."""
+        arrays = self.arrays()
+        for name in sorted(arrays):
+            digest.update(name.encode() + arrays[name].tobytes())
 
     def decode(self, z: ArrayLike, c: ArrayLike) -> Array32:
         """Give the raw outputs ``(n, output_dim)`` that the heads read, still standardised.

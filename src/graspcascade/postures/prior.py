@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import FileFormatError
+from ..errors import FileFormatError, InputError
 from ..hands import HandModel
 from ..nets import HeadSpec, NumpyDecoder, TrainingSpec, VaeSpec, load_decoders, save_decoders
 from ..taxonomy import GRASP_TYPES, grasp_type
@@ -49,12 +49,22 @@ class PosturePrior:
         """Draw one posture ``(n, J)`` in radians for each type name; not clipped to limits."""
         return self.decoder.sample(type_codes(grasp_types), rng)
 
+    def check_hand(self, hand: HandModel) -> None:
+        """Check that this prior's postures are of a hand's joints, in the hand's order.
+
+        Raises:
+            InputError: they are of other joints, or in another order.
+        """
+        if self.joint_names != hand.joint_names:
+            raise InputError(
+                f"the prior's postures are of the joints {', '.join(self.joint_names)}, but those of "
+                f"{hand.description.name} are, in order, {', '.join(hand.joint_names)}; train the prior for this hand"
+            )
+
     def fingerprint(self) -> str:
         """Give a short digest of the weights, by which a dataset names its prior."""
-        arrays = self.decoder.arrays()
         digest = hashlib.sha256()
-        for name in sorted(arrays):
-            digest.update(name.encode() + arrays[name].tobytes())
+        self.decoder.digest_into(digest)
         return digest.hexdigest()[:16]
 
     def save(self, path: Path) -> None:

@@ -202,10 +202,10 @@ class Lane:
             self.gravity[slots] = self.protocol.gravity[self.step[slots] + offset]
             self.batch.step(ids=slots)
         self.step[slots] += self._check_steps
-        entering = slots[self.step[slots] == self._weight_begins]
-        self.gravity[entering] = self.protocol.gravity[-1]
 
     def _advance_weighted(self, slots: Slots) -> None:
+        # Here and not where the shake ends: a protocol may have none, and a trial may be taken up again after closing.
+        self.gravity[slots[self.step[slots] == self._weight_begins]] = self.protocol.gravity[-1]
         ahead = np.minimum(self._long_stretch, self.protocol.total_steps - self.step[slots])
         if self._leaper is not None:
             ahead = np.minimum(ahead, self._leaper.stretch(slots, self.step[slots]))

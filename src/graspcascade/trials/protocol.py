@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -10,7 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import unknown
+from ..errors import InputError, unknown
+
+_ABOVE_ZERO = (
+    "time_step_s",
+    "close_s",
+    "shake_frequency_hz",
+    "displacement_m",
+    "contact_time_constant_s",
+    "impratio",
+    "gain_factor",
+    "density_factor",
+)
+"""What a trial divides by or makes no sense without; the other numbers may be 0."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +69,26 @@ class Protocol:
     """Position gains as a multiple of the hand model's own."""
     density_factor: float = 1.0
     """Object density as a multiple of the catalogue's."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InputError: one is negative, not finite, or 0 where that is no protocol; or a phase lacks its steps.
+        """
+        for name, value in self.to_json().items():
+            if name == "name":
+                continue
+            least = "above 0" if name in _ABOVE_ZERO else "at least 0"
+            if not math.isfinite(value) or value < 0 or (value == 0 and name in _ABOVE_ZERO):
+                raise InputError(f"{name} of a protocol must be a finite number {least}, got {value}")
+        if self.shake_cycles % 1:
+            raise InputError(f"shake_cycles of a protocol must be a whole number, got {self.shake_cycles}")
+        if self.closing_steps < 1 or self.total_steps == self.closing_steps:
+            raise InputError(
+                f"closing, and shake or weight, must last at least one time step of {self.time_step_s} s, got "
+                f"{self.close_s + self.settle_s} s, and {self.shake_cycles} cycles or {self.gravity_s} s"
+            )
 
     @property
     def closing_steps(self) -> int:
