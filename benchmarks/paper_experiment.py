@@ -1,6 +1,6 @@
 """Train the paper's models on a collected dataset and evaluate each; run again to go on where it stopped.
 
-Example, with the dataset that docs/results/paper/README.md tells how to collect::
+Example, with the dataset that docs/reproduce.md tells how to collect::
 
     python benchmarks/paper_experiment.py --data data --out runs --results docs/results/paper
 
@@ -10,11 +10,9 @@ Trained models and finished rounds of trials stay in `--out`; the JSON that `gra
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tyro
@@ -25,10 +23,11 @@ from graspcascade.cascade.fit import TRAINING_FILE
 from graspcascade.cli.console import bar, interval
 from graspcascade.cli.train import Epochs
 from graspcascade.dataset import Dataset, load_dataset
+from graspcascade.dataset.shards import read_metadata, shards_digest
 from graspcascade.errors import InputError, unknown
 from graspcascade.evaluation import Evaluation, evaluate, heuristic_source, model_source
 from graspcascade.evaluation.paper_runs import EXPERIMENTS_FOLDER, TRAINING_FOLDER
-from graspcascade.files import write_folder_staged
+from graspcascade.files import write_folder_staged, write_text
 from graspcascade.hands import shadow_hand
 from graspcascade.postures import PosturePrior
 
@@ -37,9 +36,9 @@ from graspcascade.postures import PosturePrior
 class Arguments:
     """Run the paper's experiment."""
 
-    data: Path
+    data: Path = Path("data")
     """Folder of the dataset."""
-    out: Path
+    out: Path = Path("runs")
     """Folder for trained models and finished rounds of trials."""
     results: Path = Path("docs/results/paper")
     """Folder for the JSON files of the results page."""
@@ -84,6 +83,8 @@ class Experiment:
         sampler = GraspSampler.load(folder)
         if sampler.metadata["config"] != asdict(wanted.training) or sampler.factorization != wanted.factorization:
             raise InputError(f"{folder} was trained with other settings; remove it to train again")
+        if sampler.metadata["dataset"]["shards"] != shards_digest(read_metadata(self._arguments.data)):
+            raise InputError(f"{folder} was trained on another dataset than {self._arguments.data}; remove it")
         return sampler
 
     def _model_folder(self, wanted: Trained) -> Path:
@@ -104,14 +105,14 @@ class Experiment:
             source, metadata = heuristic_source(shadow_hand(), prior), {"prior": prior.fingerprint()}
         else:
             sampler = replace(sampler, size_mode=run.size_mode)
-            source, metadata = model_source(sampler), describe(sampler)
+            source, metadata = model_source(sampler), sampler.describe()
         folder = self._arguments.out / "trials" / run.name
         with bar(f"trials of {run.name}") as progress:
             found = evaluate(
                 run.model,
                 source,
                 per_cell=run.per_cell,
-                seed=0,
+                seed=run.seed,
                 out=folder,
                 progress=progress.show,
                 metadata=metadata,
@@ -120,18 +121,7 @@ class Experiment:
         return found
 
     def _publish(self, path: Path, folder: str, name: str) -> None:
-        target = self._arguments.results / folder / f"{name}.json"
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, target)
-
-
-def describe(sampler: GraspSampler) -> dict[str, Any]:
-    """Say what a model was trained on and with, and how its sizes are chosen."""
-    networks = {
-        stage.name: {"latent_dim": stage.latent_dim, "hidden": list(stage.hidden), "kl_weight": stage.kl_weight}
-        for stage in sampler.factorization.stages
-    }
-    return sampler.metadata | {"networks": networks, "sizes": sampler.size_mode}
+        write_text(self._arguments.results / folder / f"{name}.json", path.read_text(encoding="utf-8"))
 
 
 def first_trials(dataset: Dataset, per_cell: int) -> Dataset:

@@ -55,6 +55,11 @@ class Run:
         return HEURISTIC if self.trained is None else self.trained.factorization.name
 
     @property
+    def seed(self) -> int:
+        """Give the seed of the evaluation: the training seed, so that trials of several seeds are independent."""
+        return 0 if self.trained is None else self.trained.training.training.seed
+
+    @property
     def per_cell(self) -> int:
         """Give the trials for each object and type."""
         return EXPERIMENT_PER_CELL if self.is_experiment else PAPER_PER_CELL

@@ -59,14 +59,18 @@ def main(arguments: Arguments) -> None:
         }
 
     def used(kind: str) -> list[float]:
-        return [value for key, value in sampler.sizes.best_offset_m.items() if key.startswith(f"{kind}/")]
+        return [
+            value
+            for key, value in sampler.sizes.best_offset_m.items()
+            if key.startswith(f"{kind}/") and key.count("/") == 2
+        ]
 
     result = {
         "title": "Sizes to ask for",
         "description": "A user names a side, the networks take a grasp size and an object size. The paper adds "
         "constants to the side. Here successes differ from the side by what the table says. Used are the offsets "
-        "where trials held most often, one for each type, object and side (the table gives their range), and the "
-        "median of the object sizes there. The experiments compare this with the paper's constants.",
+        "where trials held most often and type-faithfully, one for each type, object and side (the table gives their "
+        "range), and the median of the object sizes there. The experiments compare this with the paper's constants.",
         "paper": {
             "grasp size minus side mm": 1000.0 * PAPER_GRASP_OFFSET_M,
             "object size minus side mm": 1000.0 * PAPER_OBJECT_OFFSET_M,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..candidates import opposition_points
 from ..dataset import Dataset
 from ..dataset.collect import versions
+from ..dataset.shards import shards_digest
 from ..errors import InputError
 from ..files import write_text
 from ..grasps import Grasps
@@ -258,7 +259,7 @@ def _metadata(
         "config": asdict(config),
         "learned_from": n,
         "dataset": {key: about.get(key) for key in ("seed", "prior", "hand", "screening")}
-        | {"trials": len(dataset.outcomes), "protocol": about["protocol"]["name"]},
+        | {"trials": len(dataset.outcomes), "protocol": about["protocol"]["name"], "shards": shards_digest(about)},
         "versions": versions() | {"torch": version("torch")},
         "final_loss": {name: round(records[-1].train_loss, 4) for name, records in history.items()},
     }

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -74,7 +75,7 @@ class GraspSampler:
 
         Raises:
             InputError: there is no such folder or file.
-            FileFormatError: the file is truncated, foreign or not a grasp cascade.
+            FileFormatError: the file is truncated, foreign or not a grasp cascade, or the evaluation is of another.
         """
         path = Path(folder)
         if path.is_dir():
@@ -92,10 +93,8 @@ class GraspSampler:
             raise FileFormatError(f"{path} lacks or garbles {error}") from error
         if missing:
             raise FileFormatError(f"{path} lacks the weights of stage {', '.join(missing)}")
-        measured = _measured(path.with_name(EVALUATION_FILE))
-        return cls(
-            factorization.name, hand, factorization, stored.decoders, sizes, about["training"], measured=measured
-        )
+        sampler = cls(factorization.name, hand, factorization, stored.decoders, sizes, about["training"])
+        return replace(sampler, measured=_measured(path.with_name(EVALUATION_FILE), sampler))
 
     def save(self, folder: Path | str) -> None:
         """Write one safetensors file whose header carries stages, hand geometry, sizes and training as JSON.
@@ -113,6 +112,23 @@ class GraspSampler:
             "training": self.metadata,
         }
         save_decoders(folder / WEIGHTS_FILE, self.decoders, metadata)
+
+    def fingerprint(self) -> str:
+        """Give a short digest of the weights."""
+        digest = hashlib.sha256()
+        for name in sorted(self.decoders):
+            digest.update(name.encode())
+            self.decoders[name].digest_into(digest)
+        return digest.hexdigest()[:16]
+
+    def describe(self) -> dict[str, Any]:
+        """Say what an evaluation must record of it: training, networks, how sizes are chosen, and which weights."""
+        networks = {
+            stage.name: {"latent_dim": stage.latent_dim, "hidden": list(stage.hidden), "kl_weight": stage.kl_weight}
+            for stage in self.factorization.stages
+        }
+        about = {"networks": networks, "sizes": self.size_mode, "weights": self.fingerprint()}
+        return self.metadata | about
 
     def origin(self, grasp_type_name: str, object_label: str) -> dict[str, Any]:
         """Say where samples come from, for a file: model, hand, and what was measured for type and object."""
@@ -225,17 +241,18 @@ def _side_m(object_label: str, axis: str) -> float:
     return sides[axis]
 
 
-def _measured(path: Path) -> dict[str, dict[str, Any]]:
+def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:
     """Read the counts of an evaluation file, nothing where there is none.
 
     Raises:
-        FileFormatError: the file is no evaluation.
+        FileFormatError: the file is no evaluation, or names other weights.
     """
     if not path.is_file():
         return {}
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        return {
+        weights = found.get("model_metadata", {}).get("weights")
+        rates = {
             f"{cell['grasp_type']}/{cell['object']}": {
                 "held": int(cell["held"]),
                 "n": int(cell["n"]),
@@ -243,5 +260,10 @@ def _measured(path: Path) -> dict[str, dict[str, Any]]:
             }
             for cell in found["cells"]
         }
-    except (ValueError, KeyError, TypeError, OSError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
         raise FileFormatError(f"{path} is no evaluation of a cascade: {error}") from error
+    if weights not in (None, sampler.fingerprint()):
+        raise FileFormatError(
+            f"{path} is of a cascade with weights {weights}, not of {sampler.fingerprint()} beside it"
+        )
+    return rates

@@ -23,9 +23,13 @@ _KNOTS = np.linspace(0.05, 0.95, 19)
 _MIN_GRASPS = 10
 _WINDOW_M = 0.003
 """Half-width of the window of grasp sizes over which a success rate is measured."""
-
-_WIDEST_SHARE = 0.75
-"""Share of successes that are narrower than the widest offset considered."""
+_LEAST_SHARE = 0.02
+"""Windows with a smaller share of the trials are not considered: one success in one trial says nothing."""
+_CONSIDERED = (0.05, 0.75)
+"""Quantiles of the successes' sizes between which the best is looked for. Postures that cannot touch were screened out,
+so that rates near the wide edge flatter."""
+_TIE = 0.01
+"""Windows whose rates differ by no more than this share count as equally good."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +66,9 @@ class SizeRule:
                 if good is None:
                     continue
                 some = rows & good
-                # Postures that cannot touch were screened out, so rates near that edge flatter: stay off it.
-                limit = float(np.quantile(grasp[some], _WIDEST_SHARE))
-                rule.best_offset_m[str(key)] = round(min(_best(grasp[rows], good[rows]), limit), 5)
+                low, high = np.quantile(grasp[some], _CONSIDERED)
+                best = _best(grasp[rows], good[rows], float(low), float(high))
+                rule.best_offset_m[str(key)] = round(best, 5)
                 rule.grasp_offsets_m[str(key)] = [round(float(v), 5) for v in np.quantile(grasp[some], _KNOTS)]
                 rule.object_offset_m[str(key)] = round(float(np.median(obj[some])), 5)
         return rule
@@ -118,16 +122,22 @@ def _levels(key: str) -> tuple[str, str, str]:
     return key, f"{kind}/{label}", kind
 
 
-def _best(offset: Array, success: NDArray[np.bool_]) -> float:
-    """Find the offset around which successes are most frequent, wary of windows with few trials.
+def _best(offset: Array, success: NDArray[np.bool_], low: float, high: float) -> float:
+    """Find the offset between two bounds around which successes are most frequent, wary of windows with few trials.
 
     A window's rate counts by the lower bound of its 95 % interval.
     """
-    grid = np.arange(offset.min(), offset.max() + 0.0005, 0.0005)
+    grid = np.arange(low, high + 0.0005, 0.0005)
     order = np.argsort(offset)
     totals = np.concatenate([[0], np.cumsum(success[order])])
     first = np.searchsorted(offset[order], grid - _WINDOW_M)
     last = np.searchsorted(offset[order], grid + _WINDOW_M, side="right")
-    low, _ = wilson_bounds(totals[last] - totals[first], last - first)
-    # Among equally good windows the middle one: farthest from where it gets worse.
-    return float(np.median(grid[low >= low.max() - 1e-3]))
+    rate, _ = wilson_bounds(totals[last] - totals[first], last - first)
+    enough = last - first >= _LEAST_SHARE * len(offset)
+    rate = np.where(enough | ~enough.any(), rate, 0.0)
+    best = int(np.argmax(rate))
+    # Of a run of equally good windows the middle one: farthest from where it gets worse.
+    worse = np.flatnonzero(rate < (1.0 - _TIE) * rate[best])
+    begin = worse[worse < best].max(initial=-1) + 1
+    end = worse[worse > best].min(initial=len(grid)) - 1
+    return float((grid[begin] + grid[end]) / 2)

@@ -68,7 +68,7 @@ class Evaluate:
         from .models import load_sampler
 
         sampler = load_sampler(self.model)
-        return sampler.name, model_source(sampler), sampler.metadata
+        return sampler.name, model_source(sampler), sampler.describe()
 
 
 def _print_rates(found: Evaluation) -> None:
