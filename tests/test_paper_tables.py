@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +17,13 @@ from graspcascade.evaluation import Evaluation, newcombe, report
 from graspcascade.evaluation.curves import TrainingCurves, read_training
 from graspcascade.evaluation.figures import paper_figures, training_figure
 from graspcascade.evaluation.markdown import points
-from graspcascade.evaluation.paper_runs import metadata_differences, read_paper_runs, training_seed
+from graspcascade.evaluation.paper_runs import (
+    Runs,
+    metadata_differences,
+    read_paper_runs,
+    retraining_margin,
+    training_seed,
+)
 from graspcascade.evaluation.paper_tables import judge
 from graspcascade.evaluation.published import HEURISTIC, ORDERINGS, PAPER_MODELS, SUCCESS_PERCENT, TABLES
 from graspcascade.evaluation.record import pool
@@ -125,13 +132,14 @@ def test_pooling_one_changes_nothing_and_other_cells_are_refused() -> None:
     one = evaluation()
     assert pool([one]) == one
     for others in ([], [one, replace(one, cells=one.cells[1:])]):
-        with pytest.raises(ValueError, match="same cells"):
+        with pytest.raises(ValueError, match="same conditions"):
             pool(others)
 
 
 @given(counts, counts, st.floats(0.001, 0.5))
 def test_a_verdict_follows_the_interval(one: tuple[int, int], other: tuple[int, int], claim: float) -> None:
     difference = newcombe(*one, *other)
+    assert judge(difference, claim, abs(difference.difference)).startswith("undecided")
     said, turned = judge(difference, claim), judge(newcombe(*other, *one), claim)
     if difference.low > 0:
         assert said == "reproduced"
@@ -197,17 +205,45 @@ def test_orderings_are_judged_by_intervals_and_seeds(results: Path) -> None:
         return row(here, table, f"`{better}` > `{worse}`")
 
     assert found("model3", "model2")[2:4] == ["reproduced", "+11.49"]
-    assert found("model3", "model2")[6] == "3 of 3"
+    margin = retraining_margin(runs.runs["model3"], runs.runs["model2"], runs.runs)
+    assert found("model3", "model2")[6] == f"±{100 * margin:.1f}"
     difference = points(runs.runs["model2"].pooled.total.held_over(runs.runs["model1"].pooled.total))
-    assert found("model2", "model1")[2] == f"not reproduced, difference {difference}"
     assert found("model2", "model1")[4] == difference
     assert found("variant4", "model3")[2].startswith("undecided")
     assert found("model3", "plain_rotation")[2:] == ["not yet run", "+4.33", "—", "—", "—"]
-    trained("model2", 0, 0.65, 8).save(results / "paper" / "model2.json")
-    trained("model1", 1, 0.1, 6).save(results / "paper" / "model1_seed1.json")
+    # The seeds of model1 lie far apart, so that a clear difference of trials may be retraining's.
+    assert runs.runs["model2"].pooled.total.held_over(runs.runs["model1"].pooled.total).high < 0
+    assert found("model2", "model1")[2].startswith("undecided")
+    for seed in (0, 1, 2):
+        trained("model1", seed, 0.7, seed + 5).save(results / "paper" / f"model1_seed{seed}.json")
     here = section(page(results), "The paper's orderings")
-    assert found("model2", "model1")[2] == "reproduced, but not by every pair of seeds"
-    assert found("model2", "model1")[6] == "2 of 3"
+    assert found("model2", "model1")[2].startswith("not reproduced, difference -")
+
+
+def test_the_margin_of_retraining_is_students_interval() -> None:
+    def runs(model: str, *shares: float) -> Runs:
+        return Runs(model, {seed: trained(model, seed, share, seed) for seed, share in enumerate(shares)})
+
+    every = {"model1": runs("model1", 0.5, 0.7), "model2": runs("model2", 0.3, 0.3, 0.9)}
+    rates = [[one.held.rate for one in found.by_seed.values()] for found in every.values()]
+    pooled = (np.var(rates[0], ddof=1) + 2 * np.var(rates[1], ddof=1)) / 3
+    expected = 3.182446 * np.sqrt(pooled * (1 / 2 + 1 / 3))  # t of 0.975 with three degrees of freedom
+    assert retraining_margin(every["model1"], every["model2"], every) == pytest.approx(expected, rel=1e-5)
+    untrained = Runs(HEURISTIC, {None: evaluation()})
+    once = expected * np.sqrt((1 / 2) / (1 / 2 + 1 / 3))
+    assert retraining_margin(every["model1"], untrained, every) == pytest.approx(once, rel=1e-5)
+    alone = {"model1": runs("model1", 0.5)}
+    assert retraining_margin(alone["model1"], alone["model1"], alone) == 0.0
+
+
+def test_pooled_evaluations_keep_what_all_agree_on() -> None:
+    one, other = trained("model1", 0, 0.5), trained("model1", 1, 0.6, 3)
+    found = pool([one, other])
+    assert found.n == one.n + other.n
+    assert found.held.rate == pytest.approx((one.held.rate + other.held.rate) / 2)
+    assert found.model_metadata == {"config": {"training": {"epochs": 80}}, "learned_from": 40_000}
+    with pytest.raises(ValueError, match="same conditions"):
+        pool([one, replace(other, protocol=replace(PAPER, friction=0.5))])
 
 
 def test_every_training_seed_has_its_rate_and_the_spread_is_told(results: Path) -> None:
@@ -248,6 +284,10 @@ def test_a_training_seed_alone_is_no_difference() -> None:
     one, other = trained("model1", 0, 0.5), trained("model1", 7, 0.6)
     assert (training_seed(one), training_seed(other), training_seed(evaluation())) == (0, 7, None)
     assert metadata_differences(one, other) == ""
+    deep = {"networks": {"posture": {"latent_dim": 10}, "rotation": {"latent_dim": 4}}, "weights": "a"}
+    flat = {"networks": {"grasp": {"latent_dim": 14}, "posture": {"latent_dim": 12}}, "weights": "b"}
+    full, other = (replace(one, model_metadata=metadata) for metadata in (deep, flat))
+    assert metadata_differences(other, full) == "networks.posture.latent_dim 12 (`model3`: 10)"
 
 
 def test_the_experiment_stands_in_for_evaluations_without_a_file_of_their_own(results: Path) -> None:
@@ -275,7 +315,7 @@ def test_experiments_are_compared_with_model3_under_the_same_conditions_only(res
     here = section(page(results), "Experiments")
     runs = read_paper_runs(results / "paper")
     assert runs is not None
-    over = points(better.total.held_over(runs.runs["model3"].pooled.total))
+    over = points(better.total.held_over(runs.runs["model3"].by_seed[0].total))
     assert row(here, "wider networks")[3:8] == [
         "`paper`",
         str(better.n),

@@ -24,16 +24,18 @@ class Entry:
         stem: of its file; ``paper/<model>`` for all training seeds of a model of the paper's experiment.
         evaluation: the evaluation.
         label: the name it goes by.
+        seeds: of the evaluations counted together.
     """
 
     stem: str
     evaluation: Evaluation
     label: str
+    seeds: tuple[int, ...]
 
     @property
     def conditions(self) -> dict[str, Any]:
-        """Give all that must agree for two rates to be compared as two models."""
-        return {"hand": self.evaluation.hand} | self.evaluation.protocol.to_json()
+        """Give the evaluation's conditions."""
+        return self.evaluation.conditions
 
     @property
     def total(self) -> Tally:
@@ -119,7 +121,8 @@ def _read_files(folder: Path) -> tuple[list[Entry], dict[str, Mapping[str, Any]]
             found = Evaluation.load(path)
             name = (found.model, found.protocol.name)
             # The first to bear a name keeps it; further training seeds, or hands, are told apart by their files.
-            entries.append(Entry(path.stem, found, f"{found.model} ({path.stem})" if name in taken else found.model))
+            label = f"{found.model} ({path.stem})" if name in taken else found.model
+            entries.append(Entry(path.stem, found, label, (found.seed,)))
             taken.add(name)
         elif isinstance(data, Mapping):
             measurements[path.stem] = data
@@ -131,7 +134,7 @@ def _read_files(folder: Path) -> tuple[list[Entry], dict[str, Mapping[str, Any]]
 def _stand_ins(paper: PaperRuns, own: Sequence[Entry]) -> list[Entry]:
     there = {(entry.evaluation.model, entry.evaluation.protocol.name) for entry in own}
     return [
-        Entry(f"{PAPER_FOLDER}/{name}", runs.pooled, runs.title)
+        Entry(f"{PAPER_FOLDER}/{name}", runs.pooled, runs.title, tuple(one.seed for one in runs.by_seed.values()))
         for name, runs in paper.runs.items()
         if name in (HEURISTIC, FULL_MODEL) and (name, runs.pooled.protocol.name) not in there
     ]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from ..cascade import GraspSampler
-from ..cascade.sampler import EVALUATION_FILE, shipped_folder
+from ..cascade.sampler import DEFAULT, EVALUATION_FILE, shipped_folder
 from ..files import write_text
 from .blocks import fill_blocks
 from .markdown import pair, percent, plain, rate, table, widest
@@ -17,18 +18,17 @@ _WEAK = 0.9
 """Cells that hold less often are listed as weak."""
 
 
-def fill_model_card(page: Path, name: str = "default") -> None:
-    """Make the generated blocks of a model card again.
+def fill_model_card(page: Path) -> None:
+    """Make the generated blocks of the card of the cascade that is loaded by default again.
 
     Args:
         page: Markdown file with blocks "facts", "rates" and "limits", changed in place.
-        name: of the shipped cascade.
 
     Raises:
-        InputError: no such cascade, or a block of another name.
-        FileFormatError: it is shipped without its evaluation.
+        InputError: a block of another name.
+        FileFormatError: the cascade is shipped without its evaluation.
     """
-    folder = shipped_folder(name)
+    folder = shipped_folder()
     sampler, found = GraspSampler.load(folder), Evaluation.load(folder / EVALUATION_FILE)
     write_text(page, fill_blocks(page.read_text(encoding="utf-8"), card_blocks(sampler, found)))
 
@@ -41,17 +41,27 @@ def card_blocks(sampler: GraspSampler, found: Evaluation) -> dict[str, Callable[
 def _facts(sampler: GraspSampler) -> str:
     stages = "; ".join(
         f"{stage.name} ({', '.join(stage.targets)} given {', '.join(stage.given)}; {stage.latent_dim} latents, "
-        f"hidden layers of {' and '.join(map(str, stage.hidden))})"
+        f"hidden layers of {' and '.join(map(str, stage.hidden))}, divergence weight {plain(stage.kl_weight)})"
         for stage in sampler.factorization.stages
     )
+    about = sampler.metadata
+    data, config = about["dataset"], about["config"]
     rows = [
+        ("name", f"`{DEFAULT}`, weights {sampler.fingerprint()}"),
         ("factorization", f"`{sampler.factorization.name}`: {sampler.factorization.source}"),
         ("hand", f"`{sampler.hand.description.name}`"),
         ("stages", stages),
-        ("sizes asked for", sampler.size_mode),
-        *((name, plain(value)) for name, value in spread(sampler.metadata)),
+        ("learned from", f"{about['learned_from']} {config['learn_from']} grasps, objects as {config['object_pose']}"),
+        ("data", _words(data)),
+        ("training loop", _words(config["training"])),
+        ("sizes asked for", f"`{sampler.size_mode}`"),
+        ("made with", _words(about["versions"])),
     ]
     return table(("fact", "value"), rows, text_columns=2)
+
+
+def _words(facts: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name.replace('_', ' ')} {plain(value)}" for name, value in spread(facts))
 
 
 def _rates(found: Evaluation) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from statistics import variance
 from typing import Any
 
 from ..errors import FileFormatError
@@ -20,7 +22,8 @@ PAPER_FOLDER = "paper"
 EXPERIMENTS_FOLDER, TRAINING_FOLDER, NOTES_FILE = "experiments", "training", "notes.md"
 
 # A retrained model differs in these without being another model.
-_INCIDENTAL = ("versions.", "final_loss.", "config.training.seed", "config.training.threads")
+_INCIDENTAL = ("versions.", "final_loss.", "weights", "config.training.seed", "config.training.threads")
+_NETWORKS = "networks."
 
 
 @dataclass(frozen=True)
@@ -65,11 +68,11 @@ class PaperRuns:
     @property
     def conditions(self) -> dict[str, Any]:
         """Give what all rates of the paper's models have in common; empty if none was run."""
-        return next((_conditions(runs.pooled) for runs in self.runs.values()), {})
+        return next((runs.pooled.conditions for runs in self.runs.values()), {})
 
     def comparable(self, found: Evaluation) -> bool:
         """Tell whether an experiment was evaluated under the conditions of the paper's models."""
-        return _conditions(found) == self.conditions
+        return found.conditions == self.conditions
 
 
 def read_paper_runs(folder: Path | str) -> PaperRuns | None:
@@ -92,7 +95,7 @@ def read_paper_runs(folder: Path | str) -> PaperRuns | None:
     first: tuple[Path, dict[str, Any]] | None = None
     for path in sorted(folder.glob("*.json")):
         evaluation = Evaluation.load(path)
-        first = first or (path, _conditions(evaluation))
+        first = first or (path, evaluation.conditions)
         _check_conditions(path, evaluation, *first)
         if evaluation.model not in PAPER_MODELS:
             raise FileFormatError(
@@ -122,6 +125,8 @@ def metadata_differences(found: Evaluation, base: Evaluation) -> str:
     """Word what a model was trained with where that differs from another; empty if it does not."""
     ours, theirs = dict(spread(found.model_metadata)), dict(spread(base.model_metadata))
     keys = [key for key in dict.fromkeys((*theirs, *ours)) if not key.startswith(_INCIDENTAL)]
+    # Another division into stages has other networks; only those of the same name can differ in their settings.
+    keys = [key for key in keys if not key.startswith(_NETWORKS) or (key in ours and key in theirs)]
     return "; ".join(
         f"{key} {plain(ours.get(key))} (`{FULL_MODEL}`: {plain(theirs.get(key))})"
         for key in keys
@@ -129,14 +134,33 @@ def metadata_differences(found: Evaluation, base: Evaluation) -> str:
     )
 
 
-def _conditions(found: Evaluation) -> dict[str, Any]:
-    """Give all that must agree for two rates to be compared as two models."""
-    places = sorted((cell.object_label, cell.grasp_type) for cell in found.cells)
-    return {"hand": found.hand, "cells": places, **found.protocol.to_json()}
+def retraining_margin(one: Runs, other: Runs, spread_of: Mapping[str, Runs]) -> float:
+    """Give how far the held rates of two models may differ, in 95 of 100 cases, by retraining alone.
+
+    The variance between training seeds is pooled over all models that have several, and that of what is not trained is
+    zero; Student's t for its degrees of freedom.
+
+    Args:
+        one: runs of a model.
+        other: runs of another.
+        spread_of: runs of all models.
+
+    Returns:
+        A share, 0 where no model has several seeds: nothing is known then.
+    """
+    from scipy.stats import t
+
+    rates = [[found.held.rate for found in runs.by_seed.values()] for runs in spread_of.values()]
+    freedom = sum(len(group) - 1 for group in rates)
+    if freedom == 0:
+        return 0.0
+    squares = sum((len(group) - 1) * variance(group) for group in rates if len(group) > 1)
+    shares = sum(1 / len(runs.by_seed) for runs in (one, other) if None not in runs.by_seed)
+    return float(t.ppf(0.975, freedom) * math.sqrt(squares / freedom * shares))
 
 
 def _check_conditions(path: Path, found: Evaluation, first: Path, usual: Mapping[str, Any]) -> None:
-    differing = [key for key, value in _conditions(found).items() if value != usual[key]]
+    differing = [key for key, value in found.conditions.items() if value != usual[key]]
     if differing:
         raise FileFormatError(
             f"{path} and {first} differ in {', '.join(differing)}; one table needs one protocol, hand and set of cells"

@@ -119,6 +119,12 @@ class Evaluation:
     versions: Mapping[str, str]
     model_metadata: Mapping[str, Any]
 
+    @property
+    def conditions(self) -> dict[str, Any]:
+        """Give all that must agree for two rates to be compared as two models': hand, protocol and cells."""
+        cells = sorted(f"{cell.object_label}/{cell.grasp_type}" for cell in self.cells)
+        return {"hand": self.hand, **self.protocol.to_json(), "cells": cells}
+
     @cached_property
     def total(self) -> Tally:
         """Count over all cells."""
@@ -229,20 +235,39 @@ class Evaluation:
 
 
 def pool(found: Sequence[Evaluation]) -> Evaluation:
-    """Count the trials of evaluations of the same cells together; all else is the first one's.
+    """Count the trials of evaluations under the same conditions together, as if each were a part of one.
+
+    Name, versions and metadata are kept as far as all agree; the seed is the first one's.
 
     Raises:
-        ValueError: there is none, or they are of different cells.
+        ValueError: there is none, or their conditions differ.
     """
-    places = [(cell.object_label, cell.grasp_type) for cell in found[0].cells] if found else []
+    if not found or any(one.conditions != found[0].conditions for one in found):
+        raise ValueError("only evaluations under the same conditions can be counted together")
     cells = [{(cell.object_label, cell.grasp_type): cell for cell in one.cells} for one in found]
-    if not places or any(set(places) != one.keys() for one in cells):
-        raise ValueError("only evaluations of the same cells can be counted together")
     counted = []
-    for label, kind in places:
-        tally = _sum(one[label, kind] for one in cells)
-        counted.append(Cell(tally.verdicts, tally.faithful, kind, label))
-    return replace(found[0], cells=tuple(counted), per_cell=sum(one.per_cell for one in found))
+    for place in cells[0]:
+        tally = _sum(one[place] for one in cells)
+        counted.append(Cell(tally.verdicts, tally.faithful, place[1], place[0]))
+    return replace(
+        found[0],
+        cells=tuple(counted),
+        per_cell=sum(one.per_cell for one in found),
+        versions=_agreed([one.versions for one in found]),
+        model_metadata=_agreed([one.model_metadata for one in found]),
+    )
+
+
+def _agreed(found: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Keep the entries, also of inner objects, that all have alike."""
+    kept: dict[str, Any] = {}
+    for key, value in found[0].items():
+        inner = [other for one in found if isinstance(other := one.get(key), Mapping)]
+        if len(inner) == len(found):
+            kept[key] = _agreed(inner)
+        elif all(one.get(key) == value for one in found):
+            kept[key] = value
+    return kept
 
 
 def is_evaluation(data: Any) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..files import write_text
 from ..trials import VERDICTS
@@ -120,7 +121,7 @@ def _conditions_section(found: ResultsFolder) -> str:
     for entry in found.other:
         usual = next((e for e in found.same if e.evaluation.model == entry.evaluation.model), None)
         differing = [
-            f"{key} {plain(value)} (`{name}`: {plain(base.conditions[key])})"
+            f"{key} {_condition(value)} (`{name}`: {_condition(base.conditions[key])})"
             for key, value in entry.conditions.items()
             if key != "name" and value != base.conditions[key]
         ]
@@ -139,11 +140,15 @@ def _conditions_section(found: ResultsFolder) -> str:
     return "\n\n".join(["## Other conditions", text, table(header, rows, text_columns=3)])
 
 
+def _condition(value: Any) -> str:
+    return f"{len(value)} of object and type" if isinstance(value, list) else plain(value)
+
+
 def _model_section(entry: Entry, gallery: Gallery) -> str:
     found = entry.evaluation
     facts = [
         f"{entry.source}, protocol `{found.protocol.name}`, hand `{found.hand}`, {found.n} trials, "
-        f"{found.per_cell} per cell, seed {found.seed}; "
+        f"{found.per_cell} per cell, seed {', '.join(map(str, entry.seeds))}; "
         + ", ".join(f"{name} {version}" for name, version in found.versions.items())
         + "."
     ]
