@@ -1,5 +1,6 @@
 """The geometric heuristic: where it puts an object, and what it may draw."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,11 @@ from hypothesis import strategies as st
 from graspcascade.candidates import candidates, cannot_touch, draw_sides
 from graspcascade.errors import InputError
 from graspcascade.grasps import Grasps
-from graspcascade.hands import HandModel
+from graspcascade.hands import SHADOW_HAND, HandModel
 from graspcascade.objects import AXES, CATALOGUE, grasp_object
 from graspcascade.poses import rotate, rotation_angle
 from graspcascade.postures import PosturePrior
-from graspcascade.taxonomy import GRASP_TYPES, grasp_type
+from graspcascade.taxonomy import GRASP_TYPES, GraspType, grasp_type
 
 N = 40
 seeds = st.integers(0, 2**32 - 1)
@@ -165,6 +166,30 @@ def test_what_cannot_be_placed_is_refused(hand: HandModel, wrong: dict[str, str]
     with pytest.raises(InputError) as caught:
         place(hand, **wrong)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", GRASP_TYPES.values(), ids=lambda kind: kind.name)
+def test_a_hand_without_a_place_that_a_type_opposes_is_refused(hand: HandModel, kind: GraspType) -> None:
+    for missing in kind.opposition:
+        places = {name: place for name, place in SHADOW_HAND.places.items() if name != missing}
+        lacking = replace(hand, description=replace(SHADOW_HAND, name="three_fingers", places=places))
+        with pytest.raises(InputError) as caught:
+            place(lacking, kind=kind.name)
+        said = str(caught.value)
+        assert f"hand three_fingers has no contact place {missing!r}, needed by " in said
+        assert kind.name in said
+        with pytest.raises(InputError, match=missing):
+            lacking.closure(hand.pregrasp[None], [kind], np.zeros(1, dtype=np.intp))
+
+
+def test_a_hand_needs_only_the_places_of_the_types_it_is_asked_for(hand: HandModel) -> None:
+    pinch = grasp_type("tip_pinch")
+    places = {name: SHADOW_HAND.places[name] for name in pinch.opposition}
+    two_fingers = replace(hand, description=replace(SHADOW_HAND, places=places))
+    np.testing.assert_array_equal(
+        place(two_fingers, kind="tip_pinch").X_hand_object.position_m,
+        place(hand, kind="tip_pinch").X_hand_object.position_m,
+    )
 
 
 def test_names_are_kept_as_the_tables_spell_them(hand: HandModel) -> None:

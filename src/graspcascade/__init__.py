@@ -16,8 +16,9 @@ Three nouns and three verbs carry it: ``candidates(postures) -> Grasps``, ``tria
 - `trials`: the protocol and the physics
 - `dataset`: grasps and outcomes as Parquet shards, resumable collection
 - `cascade`: stages as data, fitting them, `GraspSampler`
+- `pictures`: offscreen rendering
 - `evaluation`: success matrices with intervals, the results page
-- `pictures`: offscreen rendering; `formats`: grasp files; `viewer`: the web page
+- `formats`: grasp files; `viewer`: the web page
 - `bench`: speed against yardsticks; `cli`: the command line
 
 SI units throughout (metres, radians, seconds); quaternions are wxyz with w >= 0; poses are named ``X_hand_object``

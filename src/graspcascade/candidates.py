@@ -44,7 +44,8 @@ def candidates(
         free_angle: "uniform", or "minimal" for the smallest rotation that brings the axis into line.
 
     Raises:
-        InputError: an unknown name, a side that cannot be held, or lengths that differ.
+        InputError: an unknown name, a side that cannot be held, lengths that differ, or a hand that lacks a contact
+            place of a type.
     """
     if free_angle not in get_args(FreeAngle):
         raise unknown("free angle", free_angle, get_args(FreeAngle))
@@ -76,7 +77,11 @@ def candidates(
 
 
 def opposition_points(hand: HandModel, postures: Array, types: NDArray[np.str_]) -> tuple[Array, Array]:
-    """Locate the opposition pairs ``(n, 3)``, thumb first, of postures of mixed types, metres in the hand frame."""
+    """Locate the opposition pairs ``(n, 3)``, thumb first, of postures of mixed types, metres in the hand frame.
+
+    Raises:
+        InputError: the hand lacks a contact place of a type.
+    """
     thumb, other = np.zeros((len(postures), 3)), np.zeros((len(postures), 3))
     for name in np.unique(types):
         rows = types == name

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..poses import Pose
-from ..taxonomy import GraspType
-from .description import SHADOW_HAND, HandDescription, Vector
+from ..taxonomy import GRASP_TYPES, GraspType
+from .description import SHADOW_HAND, ContactPlace, HandDescription, Vector
 from .kinematics import Kinematics, Link
 
 Array = NDArray[np.float64]
@@ -114,13 +114,29 @@ class HandModel:
         return dict(zip(self.joint_names, posture.T, strict=True))
 
     def places(self, posture: ArrayLike, names: list[str]) -> dict[str, PlacePoints]:
-        """Locate contact places by name, without the tendon's sharing (see `executed`)."""
-        wanted = {name: self.description.places[name] for name in names}
+        """Locate contact places by name, without the tendon's sharing (see `executed`).
+
+        Raises:
+            InputError: the hand's description lacks a place.
+        """
+        wanted = {name: self._place(name) for name in names}
         frames = self.frames(posture, [place.body for place in wanted.values()])
         found = {}
         for name, place in wanted.items():
             rotation, origin = frames[place.body]
             found[name] = PlacePoints(origin + rotation @ np.array(place.point_m), rotation @ np.array(place.normal))
+        return found
+
+    def _place(self, name: str) -> ContactPlace:
+        """Look up a contact place, or say which grasp types need it."""
+        found = self.description.places.get(name)
+        if found is None:
+            asking = [kind.name for kind in GRASP_TYPES.values() if name in (*kind.opposition, *kind.support)]
+            needed = f", needed by {', '.join(asking)}" if asking else ""
+            raise InputError(
+                f"hand {self.description.name} has no contact place {name!r}{needed}; "
+                f"it has: {', '.join(self.description.places) or 'none'}"
+            )
         return found
 
     def tips(self, posture: ArrayLike, digits: list[str]) -> dict[str, Array]:
@@ -143,6 +159,9 @@ class HandModel:
 
         Returns:
             The two contact points ``(n, 3)``, thumb first, metres in the hand frame.
+
+        Raises:
+            InputError: the hand's description lacks one of the two places.
         """
         thumb, other = kind.opposition
         found = self.places(self.executed(posture), [thumb, other])
@@ -155,10 +174,14 @@ class HandModel:
             executed: ``(n, J)`` postures as `executed` gives them.
             kinds: the distinct types.
             kind_of_row: ``(n,)`` place in `kinds` of each row's type.
+
+        Raises:
+            InputError: the hand's description lacks a place of an opposition pair.
         """
         spots = {digit: self.description.tips[digit] for digit in ("thumb", "index")}
-        for place in {name for kind in kinds for name in kind.opposition}:
-            spots[place] = (self.description.places[place].body, self.description.places[place].point_m)
+        for name in sorted({name for kind in kinds for name in kind.opposition}):
+            place = self._place(name)
+            spots[name] = (place.body, place.point_m)
         found = self.kinematics.points(self._angles(executed), spots)
         thumb, other = np.zeros((2, len(kind_of_row), 3))
         for number, kind in enumerate(kinds):
