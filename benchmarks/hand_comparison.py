@@ -17,9 +17,9 @@ import numpy as np
 import tyro
 
 from graspcascade.candidates import candidates, draw_sides
-from graspcascade.evaluation import wilson
 from graspcascade.files import write_text
 from graspcascade.hands import SHADOW_HAND, HandDescription, load_hand, load_spec, shadow_hand
+from graspcascade.intervals import share
 from graspcascade.objects import CATALOGUE
 from graspcascade.postures import PosturePrior
 from graspcascade.taxonomy import GRASP_TYPES
@@ -68,14 +68,11 @@ def main(arguments: Arguments) -> None:
     n = arguments.per_cell
     types = np.repeat(list(GRASP_TYPES), len(CATALOGUE) * n)
     labels = np.tile(np.repeat(list(CATALOGUE), n), len(GRASP_TYPES))
-    postures = PosturePrior.pretrained().sample(types, rng)
+    prior = PosturePrior.pretrained()
+    postures = prior.sample(types, rng)
     grasps = candidates(hand, postures, types, labels, draw_sides(labels, rng), rng)
     ours, theirs = run(grasps, PAPER), run(grasps, PAPER, hand=other)
     posture = load_hand(other).grasp_size(postures) - hand.grasp_size(postures)
-
-    def rate(flags: np.ndarray) -> dict[str, float | int]:
-        interval = wilson(int(flags.sum()), len(flags))
-        return {"rate": interval.rate, "low": interval.low, "high": interval.high, "n": len(flags)}
 
     distances = surface_distances(other)
     result = {
@@ -85,11 +82,13 @@ def main(arguments: Arguments) -> None:
         "the fingertips).",
         "protocol": PAPER.name,
         "seed": arguments.seed,
-        "held_primitives": rate(ours.held),
-        "held_mesh": rate(theirs.held),
-        "faithful_primitives": rate(ours.faithful(grasps)),
-        "faithful_mesh": rate(theirs.faithful(grasps)),
-        "per_trial_agreement_held": rate(ours.held == theirs.held),
+        "prior": prior.fingerprint(),
+        "n": len(grasps),
+        "held_primitives": share(ours.held).to_json(),
+        "held_mesh": share(theirs.held).to_json(),
+        "faithful_primitives": share(ours.faithful(grasps)).to_json(),
+        "faithful_mesh": share(theirs.faithful(grasps)).to_json(),
+        "per_trial_agreement_held": share(ours.held == theirs.held).to_json(),
         "largest_grasp_size_difference_mm": float(np.abs(posture).max() * 1e3),
         "largest_place_to_surface_distance_mm": max(distances.values()) * 1e3,
         "places": [{"place": name, "distance_mm": round(d * 1e3, 3)} for name, d in distances.items()],

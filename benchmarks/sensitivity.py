@@ -61,6 +61,7 @@ def main(arguments: Arguments) -> None:
             seed=arguments.seed,
             protocol=protocol,
             hand=hand,
+            metadata={"prior": prior.fingerprint()},
         )
         found.save(arguments.out / f"sensitivity_{name}.json")
         print(f"{name}: held {found.held.rate:.3f} [{found.held.low:.3f}, {found.held.high:.3f}] n={found.n}")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,11 @@ import tyro
 from graspcascade.bench.trials import collection_grasps, evaluation_grasps
 from graspcascade.cascade import GraspSampler
 from graspcascade.dataset.collect import versions
-from graspcascade.evaluation import model_source, wilson
+from graspcascade.evaluation import model_source
 from graspcascade.files import write_text
 from graspcascade.grasps import Grasps
 from graspcascade.hands import shadow_hand
+from graspcascade.intervals import share
 from graspcascade.postures import PosturePrior
 from graspcascade.trials import COLLECTION, PAPER, Outcomes, run
 
@@ -43,12 +45,6 @@ class Arguments:
     """JSON file to write."""
 
 
-def rate(flags: np.ndarray) -> dict[str, float | int]:
-    """Give a rate with its interval."""
-    interval = wilson(int(flags.sum()), len(flags))
-    return {"rate": interval.rate, "low": interval.low, "high": interval.high}
-
-
 def compare(name: str, way: str, grasps: Grasps, reference: Outcomes, other: Outcomes) -> dict[str, Any]:
     """Compare outcomes with those of the full protocol, trial by trial."""
     held, faithful = reference.held, reference.faithful(grasps)
@@ -56,19 +52,20 @@ def compare(name: str, way: str, grasps: Grasps, reference: Outcomes, other: Out
         "grasps": name,
         "executed": way,
         "n": len(grasps),
-        "held_full": rate(held),
-        "held": rate(other.held),
-        "agreement": rate(held == other.held),
-        "false_successes": rate(other.held & ~held),
-        "false_failures": rate(held & ~other.held),
-        "agreement_faithful": rate(faithful == other.faithful(grasps)),
+        "held_full": share(held).to_json(),
+        "held": share(other.held).to_json(),
+        "agreement": share(held == other.held).to_json(),
+        "false_successes": share(other.held & ~held).to_json(),
+        "false_failures": share(held & ~other.held).to_json(),
+        "agreement_faithful": share(faithful == other.faithful(grasps)).to_json(),
     }
 
 
 def main(arguments: Arguments) -> None:
     """Run the comparisons and print them."""
     hand, prior, n, seed = shadow_hand(), PosturePrior.pretrained(), arguments.per_cell, arguments.seed
-    sampler = model_source(GraspSampler.pretrained())
+    shipped = GraspSampler.pretrained()
+    sampler = model_source(shipped)
     sources: dict[str, Callable[[], Grasps]] = {
         "heuristic, screened": lambda: collection_grasps(hand, prior, n, seed),
         "model3": lambda: evaluation_grasps(sampler, n, seed),
@@ -82,8 +79,8 @@ def main(arguments: Arguments) -> None:
         some = np.flatnonzero(np.arange(len(grasps)) % n < arguments.fine_per_cell)
         part, outcomes = grasps[some], full[some]
         ways = {
-            "all digits, joints and pairs": lambda part=part: run(part, reduced=False),
-            "steps of 1 ms": lambda part=part: run(part, FINE),
+            "all digits, joints and pairs": partial(run, part, reduced=False),
+            "steps of 1 ms": partial(run, part, FINE),
         }
         for way, execute in ways.items():
             rows.append(compare(name, way, part, outcomes, execute()))
@@ -95,6 +92,8 @@ def main(arguments: Arguments) -> None:
         "the other way.",
         "protocol": PAPER.name,
         "seed": seed,
+        "prior": prior.fingerprint(),
+        "weights": shipped.fingerprint(),
         "mujoco": versions()["mujoco"],
         "comparisons": rows,
     }

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from graspcascade.intervals import newcombe, wilson, wilson_bounds
+from graspcascade.intervals import newcombe, share, wilson, wilson_bounds
 
 
 @pytest.mark.parametrize(
@@ -102,3 +102,9 @@ def test_bounds_of_many_rates_are_those_of_each(found: list[tuple[int, int]]) ->
 def test_one_impossible_count_among_many_is_refused() -> None:
     with pytest.raises(ValueError, match="between 0 and n"):
         wilson_bounds([1, 4], [2, 3])
+
+
+@given(st.lists(st.booleans(), max_size=30))
+def test_a_share_is_the_rate_of_set_flags(flags: list[bool]) -> None:
+    found = share(np.array(flags, dtype=bool))
+    assert repr(found) == repr(wilson(sum(flags), len(flags)))

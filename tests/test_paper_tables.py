@@ -304,6 +304,11 @@ def test_the_experiment_stands_in_for_evaluations_without_a_file_of_their_own(re
     conditions = text.split("\n## Other conditions\n")[1].split("\n## ")[0]
     found = row(conditions, "heuristic", "`slippery`")
     assert points(Evaluation.load(results / "a_slippery_heuristic.json").total.held_over(base)) in found
+    # A rate with another prior's postures is another model's.
+    for path, prior in ((results / "a_slippery_heuristic.json", "a"), (results / "paper" / "heuristic.json", "b")):
+        replace(Evaluation.load(path), model_metadata={"prior": prior}).save(path)
+    conditions = page(results).split("\n## Other conditions\n")[1].split("\n## ")[0]
+    assert row(conditions, "heuristic", "`slippery`")[-2:] == ["—", "—"]
 
 
 def test_experiments_are_compared_with_model3_under_the_same_conditions_only(results: Path) -> None:

@@ -74,6 +74,11 @@ def wilson(successes: int, n: int) -> Interval:
     return Interval(successes / n if n else math.nan, float(low), float(high))
 
 
+def share(flags: NDArray[np.bool_]) -> Interval:
+    """Compute the share of flags that are set, with its interval (see `wilson`)."""
+    return wilson(int(np.count_nonzero(flags)), len(flags))
+
+
 def newcombe(successes: int, n: int, base_successes: int, base_n: int) -> Difference:
     """Compute the difference of two independent rates with Newcombe's hybrid score interval.
 

@@ -119,7 +119,7 @@ def _conditions_section(found: ResultsFolder) -> str:
     )  # fmt: skip
     rows = []
     for entry in found.other:
-        usual = next((e for e in found.same if e.evaluation.model == entry.evaluation.model), None)
+        usual = next((e for e in found.same if _same_model(e.evaluation, entry.evaluation)), None)
         differing = [
             f"{key} {_condition(value)} (`{name}`: {_condition(base.conditions[key])})"
             for key, value in entry.conditions.items()
@@ -138,6 +138,12 @@ def _conditions_section(found: ResultsFolder) -> str:
         )
     text = f"Differences are to the same model under protocol `{name}` with hand `{base.evaluation.hand}`."
     return "\n\n".join(["## Other conditions", text, table(header, rows, text_columns=3)])
+
+
+def _same_model(one: Evaluation, other: Evaluation) -> bool:
+    """Tell whether two evaluations are of one model, as far as both say of it."""
+    ours, theirs = one.model_metadata, other.model_metadata
+    return one.model == other.model and all(ours[key] == theirs[key] for key in ours.keys() & theirs.keys())
 
 
 def _condition(value: Any) -> str:
