@@ -10,7 +10,7 @@ Trained models and finished rounds of trials stay in `--out`; the JSON that `gra
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -18,7 +18,7 @@ import numpy as np
 import tyro
 from paper_settings import Run, Trained, experiments, paper_runs
 
-from graspcascade.cascade import GraspSampler, fit_cascade
+from graspcascade.cascade import CascadeTraining, GraspSampler, fit_cascade
 from graspcascade.cascade.fit import TRAINING_FILE
 from graspcascade.cli.console import bar, interval
 from graspcascade.cli.train import Epochs
@@ -29,6 +29,7 @@ from graspcascade.evaluation import Evaluation, evaluate, heuristic_source, mode
 from graspcascade.evaluation.paper_runs import EXPERIMENTS_FOLDER, TRAINING_FOLDER
 from graspcascade.files import write_folder_staged, write_text
 from graspcascade.hands import shadow_hand
+from graspcascade.nets import TrainingSpec
 from graspcascade.postures import PosturePrior
 
 
@@ -81,7 +82,7 @@ class Experiment:
             folder.parent.mkdir(parents=True, exist_ok=True)
             write_folder_staged(folder, lambda staged: self._fit(wanted, staged))
         sampler = GraspSampler.load(folder)
-        if sampler.metadata["config"] != asdict(wanted.training) or sampler.factorization != wanted.factorization:
+        if trained_with(sampler) != wanted.training or sampler.factorization != wanted.factorization:
             raise InputError(f"{folder} was trained with other settings; remove it to train again")
         if sampler.metadata["dataset"]["shards"] != shards_digest(read_metadata(self._arguments.data)):
             raise InputError(f"{folder} was trained on another dataset than {self._arguments.data}; remove it")
@@ -122,6 +123,12 @@ class Experiment:
 
     def _publish(self, path: Path, folder: str, name: str) -> None:
         write_text(self._arguments.results / folder / f"{name}.json", path.read_text(encoding="utf-8"))
+
+
+def trained_with(sampler: GraspSampler) -> CascadeTraining:
+    """Rebuild the settings a model was trained with."""
+    config = sampler.metadata["config"]
+    return CascadeTraining(**config | {"training": TrainingSpec(**config["training"])})
 
 
 def first_trials(dataset: Dataset, per_cell: int) -> Dataset:

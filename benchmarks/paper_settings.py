@@ -102,10 +102,15 @@ def experiments() -> list[Run]:
     def wider_latent(stage: Any) -> Any:
         return replace(stage, latent_dim=2 * stage.latent_dim)
 
+    def mixed(stage: Any) -> Any:
+        return replace(stage, rotation_head="vmf_mixture")
+
     found = [Run(f"sizes_{mode}", usual, mode, is_experiment=True) for mode in ("paper", "median", "drawn")]
     found += [
         changed("learn_from_all_held", training=_training(learn_from="held")),
         changed("settled_object_pose", training=_training(object_pose="settled")),
+        changed("rotations_not_folded", training=_training(fold_rotations=False)),
+        changed("rotation_from_mixture", factorization=_with_stages(mixed)),
         changed("half_the_latent", factorization=_with_stages(narrower_latent)),
         changed("twice_the_latent", factorization=_with_stages(wider_latent)),
         changed("divergence_weight_0.1", factorization=_with_stages(lambda stage: replace(stage, kl_weight=0.1))),

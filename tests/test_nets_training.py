@@ -7,10 +7,13 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from torch.nn import functional
 
 from graspcascade.errors import InputError
 from graspcascade.nets import HeadSpec, NumpyDecoder, Standardisation, TrainingSpec, VaeSpec, vmf
-from graspcascade.nets.heads import concentration
+from graspcascade.nets.heads import MIXTURE_COMPONENTS, concentration
+from graspcascade.nets.losses import concentration as torch_concentration
+from graspcascade.nets.losses import vmf_log_prob, vmf_mixture_log_prob
 from graspcascade.nets.training import EpochRecord, fit
 from graspcascade.nets.vae import ConditionalVae
 
@@ -62,6 +65,32 @@ def test_a_vmf_head_recovers_a_conditional_mean_and_concentration() -> None:
         assert np.median(learned[sharp == group]) == pytest.approx(kappa, rel=0.3)
     drawn = decoder.sample(c, rng)
     assert (drawn * means).sum(1)[sharp == 0].mean() == pytest.approx(vmf.mean_resultant_length(20.0), abs=0.02)
+
+
+def test_a_mixture_recovers_directions_weights_and_concentration() -> None:
+    rng = np.random.default_rng(5)
+    n, share = 6000, 0.3
+    means = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.6, 0.8, 0.0]])
+    which = (rng.uniform(size=n) < share).astype(int)
+    x = vmf.sample(means[which], np.full(n, 50.0), rng)
+    # A heavy divergence keeps the latent out of it: the output alone must have two modes.
+    spec = VaeSpec(1, (HeadSpec("vmf_mixture", 4),), 1, (16,), 10.0)
+    decoder = NumpyDecoder.from_fitted(fit(spec, QUICK, x, np.ones((n, 1))))
+    drawn = decoder.sample(np.ones((n, 1)), rng)
+    np.testing.assert_allclose(np.linalg.norm(drawn, axis=1), 1.0, atol=1e-12)
+    near = drawn @ means.T > 0.75
+    assert near.any(axis=1).mean() > 0.98
+    assert near[:, 1].mean() == pytest.approx(share, abs=0.03)
+    assert (drawn @ means[0])[near[:, 0]].mean() == pytest.approx(vmf.mean_resultant_length(50.0), abs=0.01)
+    assert (decoder.sample(np.ones((5, 1)), rng, mode="mean") @ means[0]).min() > 0.99
+
+
+def test_a_mixture_of_equal_components_is_one_of_them() -> None:
+    torch.manual_seed(0)
+    one, x = torch.randn(9, 5), functional.normalize(torch.randn(9, 4), dim=-1)
+    raw = torch.cat([one.repeat(1, MIXTURE_COMPONENTS), torch.randn(9, MIXTURE_COMPONENTS)], dim=1)
+    alone = vmf_log_prob(functional.normalize(one[:, :4], dim=-1), torch_concentration(one[:, 4]), x)
+    torch.testing.assert_close(vmf_mixture_log_prob(raw, x), alone)
 
 
 def test_a_unit_head_learns_a_conditional_rotation() -> None:

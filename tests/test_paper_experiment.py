@@ -4,7 +4,7 @@ import importlib.util
 import json
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -79,7 +79,7 @@ def test_a_model_is_trained_once_and_refused_for_other_settings_or_data(
     def fit(self: Any, wanted: Any, folder: Path) -> None:
         fitted.append(wanted.name)
         shipped = GraspSampler.load(shipped_folder())
-        about = {"config": script.asdict(wanted.training), "dataset": {"shards": script.shards_digest(metadata())}}
+        about = {"config": asdict(wanted.training), "dataset": {"shards": script.shards_digest(metadata())}}
         replace(shipped, factorization=wanted.factorization, metadata=about).save(folder)
         (folder / TRAINING_FILE).write_text("{}")
 

@@ -49,6 +49,8 @@ class CascadeTraining:
     """Which successes: those that also touch every digit their type needs, or all that held."""
     object_pose: Literal["placed", "settled"] = "placed"
     """The object's pose to learn: where the candidate put it, or where closing left it."""
+    fold_rotations: bool = True
+    """Replace rotations by their images under the object's symmetry that lie nearest to one reference."""
     fingertip_error_m: float = 0.002
     """Error of the contact places that counts as much as one standard deviation of a joint angle."""
     training: TrainingSpec = field(
@@ -160,7 +162,9 @@ def prepare(hand: HandModel, dataset: Dataset, factorization: Factorization, con
     pose = grasps.X_hand_object if config.object_pose == "placed" else outcomes.X_hand_object_settled
     thumb, other = opposition_points(hand, grasps.posture, grasps.grasp_type)
     in_frame = learning_frame(thumb, other, factorization.frame).inverse() @ pose
-    rotation = fold_rotations(in_frame.quat_wxyz, grasps.object_label, grasps.side_axis, factorization.frame)
+    rotation = in_frame.quat_wxyz
+    if config.fold_rotations:
+        rotation = fold_rotations(rotation, grasps.object_label, grasps.side_axis, factorization.frame)
     # The object size that will be asked for is the cell's median, so training sees that and not each grasp's own.
     _, aimed = sizes.apply(request, "median", np.random.default_rng(0))
     quantities: dict[Any, Array] = dict(encode_request(replace(request, object_size_m=aimed)))

@@ -15,6 +15,7 @@ from ..errors import unknown
 Target = Literal["posture", "position", "rotation"]
 Quantity = Literal["posture", "position", "grasp_type", "grasp_size", "object_type", "object_size"]
 Frame = Literal["opposition", "hand"]
+RotationHead = Literal["vmf", "vmf_mixture", "unit"]
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,8 @@ class Stage:
         name: names its tensors and its training curve.
         targets: what it generates, in the order of its outputs.
         given: the quantities it is conditioned on; earlier stages' targets by their names.
-        rotation_head: "vmf" draws rotations from a von Mises-Fisher distribution, "unit" normalises a plain output.
+        rotation_head: "vmf" draws rotations from a von Mises-Fisher distribution, "vmf_mixture" from a mixture of some,
+            "unit" normalises a plain output.
         latent_dim: length of the latent vector.
         hidden: widths of the hidden layers.
         kl_weight: weight of the divergence term.
@@ -34,7 +36,7 @@ class Stage:
     name: str
     targets: tuple[Target, ...]
     given: tuple[Quantity, ...]
-    rotation_head: Literal["vmf", "unit"] = "vmf"
+    rotation_head: RotationHead = "vmf"
     latent_dim: int = 4
     hidden: tuple[int, ...] = (256, 256)
     kl_weight: float = 0.5
@@ -68,7 +70,7 @@ def _three_stages(
     rotation: tuple[Quantity, ...],
     source: str,
     *,
-    rotation_head: Literal["vmf", "unit"] = "vmf",
+    rotation_head: RotationHead = "vmf",
     frame: Frame = "hand",
 ) -> Factorization:
     return Factorization(

@@ -36,7 +36,11 @@ _SYMBOLS = {
     "object_size": "Os",
 }
 """The paper's symbols."""
-_HEADS = {"vmf": "drawn from a von Mises-Fisher distribution", "unit": "a network's output, normalised"}
+_HEADS = {
+    "vmf": "drawn from a von Mises-Fisher distribution",
+    "vmf_mixture": "drawn from a mixture of von Mises-Fisher distributions",
+    "unit": "a network's output, normalised",
+}
 
 
 def paper_section(found: PaperRuns, gallery: Gallery) -> str:

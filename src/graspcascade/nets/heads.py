@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, unknown
 
 Array = NDArray[np.float64]
-HeadKind = Literal["gaussian", "vmf", "unit"]
+HeadKind = Literal["gaussian", "vmf", "vmf_mixture", "unit"]
+MIXTURE_COMPONENTS = 4
+"""Components of a vmf_mixture head."""
 
 # Keeps the density proper and its gradient alive where the network asks for no concentration at all.
 KAPPA_FLOOR = 1e-3
@@ -35,9 +37,10 @@ class HeadSpec:
     """
 
     kind: HeadKind
-    """gaussian: mean of standardised columns; vmf: von Mises-Fisher rotation; unit: plain unit vector."""
+    """gaussian: mean of standardised columns; vmf: von Mises-Fisher rotation; vmf_mixture: a mixture of these; unit:
+    plain unit vector."""
     dim: int
-    """Columns of the target: any for gaussian, 4 (a wxyz quaternion) for vmf and unit."""
+    """Columns of the target: any for gaussian, 4 (a wxyz quaternion) for rotations."""
     weight: float = 1.0
     """Factor on this block's loss."""
 
@@ -56,7 +59,13 @@ class HeadSpec:
 
     @property
     def outputs(self) -> int:
-        """Count the decoder outputs: one per column, and the concentration of a vmf head."""
+        """Count the decoder outputs.
+
+        One per column, and the concentration of a vmf head; a mixture has as many of each component, then the logits of
+        their weights.
+        """
+        if self.kind == "vmf_mixture":
+            return MIXTURE_COMPONENTS * (self.dim + 2)
         return self.dim + (self.kind == "vmf")
 
 
@@ -88,6 +97,17 @@ def concentration(raw: ArrayLike) -> Array:
     shifted = np.asarray(raw, dtype=np.float64) - LOG_KAPPA_MAX
     kappa: Array = KAPPA_FLOOR + KAPPA_MAX * np.exp(-np.logaddexp(0.0, -shifted))
     return kappa
+
+
+def components(raw: Any) -> tuple[Any, Any]:
+    """Divide the raw outputs ``(n, outputs)`` of a mixture, an array or a tensor.
+
+    Returns:
+        Each component's direction and raw concentration ``(n, MIXTURE_COMPONENTS, 5)``, and the logits of their weights
+        ``(n, MIXTURE_COMPONENTS)``.
+    """
+    split = 5 * MIXTURE_COMPONENTS
+    return raw[:, :split].reshape(len(raw), MIXTURE_COMPONENTS, 5), raw[:, split:]
 
 
 def normalised(vectors: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, unknown
 from . import vmf
 from .fitted import Array, Array32, Fitted, Standardisation
-from .heads import HeadSpec, concentration, normalised
+from .heads import HeadSpec, components, concentration, normalised
 from .specs import VaeSpec
 
 Mode = Literal["sample", "mean"]
@@ -162,7 +162,8 @@ class NumpyDecoder:
             c: ``(n, condition_dim)`` conditions in natural units.
             rng: source of all randomness.
             temperature: scale of the latent noise; 0 gives the decoder's centre.
-            mode: whether vmf heads draw a rotation about their mean or give the mean; other heads always give theirs.
+            mode: whether vmf heads draw a rotation about their mean or give the mean (a mixture that of its heaviest
+                component); other heads always give theirs.
 
         Returns:
             ``(n, target_dim)`` in natural units; quaternions are unit, of either sign.
@@ -189,10 +190,20 @@ def _read(head: HeadSpec, raw: Array32, rng: np.random.Generator, mode: Mode) ->
     """Turn one head's raw outputs ``(n, outputs)`` into its block of the target ``(n, dim)``."""
     if head.kind == "gaussian":
         return raw
+    if head.kind == "vmf_mixture":
+        raw = _chosen_component(raw, rng, mode)
     direction = normalised(raw[:, :4])
     if head.kind == "unit" or mode == "mean":
         return direction
     return vmf.sample(direction, concentration(raw[:, 4]), rng)
+
+
+def _chosen_component(raw: Array32, rng: np.random.Generator, mode: Mode) -> Array32:
+    """Draw a component of each row's mixture by its weight, or take the heaviest, as outputs ``(n, 5)`` of one vmf."""
+    parts, logits = components(raw)
+    noise = rng.gumbel(size=logits.shape) if mode == "sample" else 0.0
+    chosen: Array32 = parts[np.arange(len(raw)), np.argmax(logits + noise, axis=1)]
+    return chosen
 
 
 def _name(layer: int, part: str) -> str:

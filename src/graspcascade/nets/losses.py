@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from .heads import KAPPA_FLOOR, KAPPA_MAX, LOG_KAPPA_MAX, Block
+from .heads import KAPPA_FLOOR, KAPPA_MAX, LOG_KAPPA_MAX, Block, components
 from .vmf import SERIES_BELOW
 
 
@@ -42,15 +42,22 @@ def vmf_log_prob(mean: Tensor, kappa: Tensor, x: Tensor) -> Tensor:
     Mardia and Jupp, Directional Statistics (2000), section 9.3.2, DOI 10.1002/9780470316979.
 
     Args:
-        mean: ``(n, 4)`` unit vectors.
-        kappa: ``(n,)`` concentrations, ``>= 0``.
-        x: ``(n, 4)`` unit vectors.
+        mean: ``(..., 4)`` unit vectors.
+        kappa: ``(...)`` concentrations, ``>= 0``.
+        x: ``(..., 4)`` unit vectors.
 
     Returns:
-        ``(n,)``, in the type of `mean`.
+        ``(...)``, in the type of `mean`.
     """
     distance = (mean - x).square().sum(-1)
     return log_peak_density(kappa).to(mean.dtype) - 0.5 * kappa * distance
+
+
+def vmf_mixture_log_prob(raw: Tensor, x: Tensor) -> Tensor:
+    """Give the log density ``(n,)`` of unit vectors ``(n, 4)`` under the mixtures that raw outputs describe."""
+    parts, logits = components(raw)
+    each = vmf_log_prob(functional.normalize(parts[..., :4], dim=-1), concentration(parts[..., 4]), x[:, None])
+    return torch.logsumexp(functional.log_softmax(logits, dim=-1) + each, dim=-1)
 
 
 def head_loss(block: Block, output: Tensor, x: Tensor) -> Tensor:
@@ -58,6 +65,8 @@ def head_loss(block: Block, output: Tensor, x: Tensor) -> Tensor:
     raw, target = output[:, block.output], x[:, block.target]
     if block.head.kind == "gaussian":
         return block.head.weight * (raw - target).square().sum(-1)
+    if block.head.kind == "vmf_mixture":
+        return -block.head.weight * vmf_mixture_log_prob(raw, target)
     direction = functional.normalize(raw[:, :4], dim=-1)
     if block.head.kind == "unit":
         return block.head.weight * (direction - target).square().sum(-1)
