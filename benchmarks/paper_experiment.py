@@ -26,11 +26,11 @@ from graspcascade.dataset import Dataset, load_dataset
 from graspcascade.dataset.shards import read_metadata, shards_digest
 from graspcascade.errors import InputError, unknown
 from graspcascade.evaluation import Evaluation, evaluate, heuristic_source, model_source
-from graspcascade.evaluation.paper_runs import EXPERIMENTS_FOLDER, TRAINING_FOLDER
 from graspcascade.files import write_folder_staged, write_text
 from graspcascade.hands import shadow_hand
 from graspcascade.nets import TrainingSpec
 from graspcascade.postures import PosturePrior
+from graspcascade.report.paper_runs import EXPERIMENTS_FOLDER, TRAINING_FOLDER
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import pytest
 
 from graspcascade.cli import main
 from graspcascade.evaluation import Cell, Evaluation
-from graspcascade.evaluation.figures import heat_maps
 from graspcascade.objects import CATALOGUE
+from graspcascade.report.figures import heat_maps
 from graspcascade.taxonomy import GRASP_TYPES
 from graspcascade.trials import PAPER, VERDICTS
 from test_pictures import MAX_BYTES, needs_drawing

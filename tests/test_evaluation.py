@@ -1,4 +1,4 @@
-"""Evaluation: runs that depend on seeds alone, and a page that says what the JSON says."""
+"""Evaluation: runs that depend on seeds alone, and records that survive their files."""
 
 import json
 import subprocess
@@ -22,8 +22,6 @@ from graspcascade.evaluation import (
     evaluate,
     heuristic_source,
     model_source,
-    newcombe,
-    report,
     runs,
     store,
     wilson,
@@ -412,137 +410,3 @@ def test_foreign_and_doctored_files_are_refused(tmp_path: Path, text: str) -> No
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match="nothing"):
         Evaluation.load(tmp_path / "nothing.json")
-
-
-# --- the page
-
-
-@pytest.fixture
-def results(tmp_path: Path) -> Path:
-    folder = tmp_path / "results"
-    evaluation().save(folder / "heuristic.json")
-    evaluation("model3", 1, held_share=0.8, model_metadata={"trained_on": "60k"}).save(folder / "model3.json")
-    evaluation("model10", 2, held_share=0.7).save(folder / "model10.json")
-    slippery = replace(PAPER, name="paper-friction-0.6", friction=0.6)
-    evaluation("model3", 3, protocol=slippery).save(folder / "sensitivity_friction.json")
-    return folder
-
-
-def page(results: Path) -> str:
-    report(results, results.parent / "results.md")
-    return (results.parent / "results.md").read_text()
-
-
-def words(rate: Any) -> str:
-    return f"{100 * rate.rate:.1f} % [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
-
-
-def test_the_page_is_the_same_for_the_same_files(results: Path) -> None:
-    assert page(results) == page(results)
-    assert "graspcascade report" in page(results).split("##")[0]
-
-
-def test_the_page_shows_every_number(results: Path) -> None:
-    text = page(results)
-    for name, value in PAPER.to_json().items():
-        assert name == "name" or f"| {name} | {value:g} |" in text
-    for path in results.glob("*.json"):
-        found = Evaluation.load(path)
-        assert words(found.held) in text
-        assert words(found.faithful) in text
-        for count in found.total.verdicts.values():
-            assert f"{100 * count / found.n:.1f}" in text
-        if found.protocol != PAPER:
-            continue
-        section = text.split(f"\n## {found.model}\n")[1].split("\n## ")[0]
-        for name, tally in (found.by_type | found.by_object).items():
-            numbers = (str(tally.n), str(tally.held), words(tally.held_rate), str(tally.faithful))
-            assert (
-                " | ".join((f"| {name}", *numbers, words(tally.faithful_rate), words(tally.faithful_of_held)))
-                in section
-            )
-        for cell in found.cells:
-            assert f"{100 * cell.held_rate.rate:.1f} / {100 * cell.faithful_rate.rate:.1f}" in section
-        assert f"protocol `{found.protocol.name}`" in section
-        assert f"{found.n} trials" in section
-
-
-def test_models_are_compared_with_the_heuristic(results: Path) -> None:
-    one, base = (Evaluation.load(results / f"{name}.json").total for name in ("model3", "heuristic"))
-    held = newcombe(one.held, one.n, base.held, base.n)
-    assert f"{100 * held.difference:+.1f} [{100 * held.low:+.1f}, {100 * held.high:+.1f}]" in page(results)
-
-
-def test_the_heuristic_comes_first_and_models_in_the_order_of_their_numbers(results: Path) -> None:
-    evaluation("adam", 4).save(results / "adam.json")
-    text = page(results)
-    places = [text.index(f"\n## {name}\n") for name in ("heuristic", "adam", "model3", "model10")]
-    assert places == sorted(places)
-
-
-def test_evaluations_of_one_name_are_told_apart_by_their_files(results: Path) -> None:
-    evaluation("model3", 5).save(results / "model3_seed1.json")
-    text = page(results)
-    assert "\n## model3\n" in text
-    assert "\n## model3 (model3_seed1)\n" in text
-
-
-def test_another_protocol_is_named_and_kept_apart(results: Path) -> None:
-    text = page(results)
-    apart = text.split("## Other conditions")[1].split("\n## ")[0]
-    assert "friction 0.6 (`paper`: 0.8)" in apart
-    assert "`paper-friction-0.6`" in apart
-    assert "sensitivity_friction" not in text.split("## Success rates")[1].split("\n## ")[0]
-
-
-def test_the_page_follows_the_json(results: Path) -> None:
-    before = page(results)
-    changed = evaluation("model3", 9, held_share=0.6)
-    changed.save(results / "model3.json")
-    after = page(results)
-    assert before != after
-    assert words(changed.held) in after
-    assert words(changed.held) not in before
-
-
-def test_notes_are_taken_over_word_for_word(results: Path) -> None:
-    assert "What falls short" not in page(results)
-    (results / "notes.md").write_text("- Tip pinch: *why* it | fails.\n- And more.\n")
-    assert "## What falls short\n\n- Tip pinch: *why* it | fails.\n- And more.\n" in page(results)
-
-
-def test_other_measurements_become_tables(results: Path) -> None:
-    data = {
-        "title": "Two hands",
-        "description": "The same candidates.",
-        "protocol": "paper",
-        "n": 1080,
-        "held": {"primitives": {"rate": 0.455, "low": 0.42, "high": 0.49}},
-        "agreement": 0.9125,
-        "per_type": [{"grasp_type": "tripod", "agree": 170}, {"grasp_type": "tip_pinch", "agree": 160}],
-    }
-    (results / "hand_comparison.json").write_text(json.dumps(data))
-    section = page(results).split("### Two hands")[1].split("\n## ")[0]
-    for line in (
-        "The same candidates.",
-        "| n | 1080 |",
-        "| held.primitives | 45.5 % [42.0, 49.0] |",
-        "| agreement | 0.9125 |",
-        "| tripod | 170 |",
-    ):
-        assert line in section
-
-
-@pytest.mark.parametrize("text", ["{", "[1, 2]"])
-def test_an_unreadable_file_leaves_the_page_alone(results: Path, text: str) -> None:
-    before = page(results)
-    (results / "broken.json").write_text(text)
-    with pytest.raises(FileFormatError, match=r"broken\.json"):
-        report(results, results.parent / "results.md")
-    assert (results.parent / "results.md").read_text() == before
-
-
-def test_a_folder_without_evaluations_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no evaluation"):
-        report(tmp_path, tmp_path / "results.md")
-    assert not (tmp_path / "results.md").exists()

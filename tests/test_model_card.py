@@ -10,9 +10,9 @@ from graspcascade.cascade import GraspSampler
 from graspcascade.cascade.sampler import EVALUATION_FILE, shipped_folder
 from graspcascade.errors import InputError
 from graspcascade.evaluation import Evaluation
-from graspcascade.evaluation.blocks import fill_blocks
-from graspcascade.evaluation.markdown import rate
-from graspcascade.evaluation.model_card import card_blocks, fill_model_card
+from graspcascade.report.blocks import fill_blocks
+from graspcascade.report.markdown import rate
+from graspcascade.report.model_card import card_blocks, fill_model_card
 
 CARD = Path(__file__).parents[1] / "docs/model_card.md"
 LINES = st.lists(st.text("abc |*", max_size=8), max_size=4).map("\n".join)

@@ -15,7 +15,7 @@ from graspcascade.cascade import FACTORIZATIONS, GraspSampler
 from graspcascade.cascade.fit import TRAINING_FILE, CascadeTraining
 from graspcascade.cascade.sampler import shipped_folder
 from graspcascade.errors import InputError
-from graspcascade.evaluation.published import HEURISTIC, PAPER_MODELS
+from graspcascade.report.published import HEURISTIC, PAPER_MODELS
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 

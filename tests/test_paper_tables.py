@@ -13,25 +13,27 @@ from hypothesis import strategies as st
 
 from graspcascade.cascade import FACTORIZATIONS, GraspSampler
 from graspcascade.errors import FileFormatError
-from graspcascade.evaluation import Evaluation, newcombe, report
-from graspcascade.evaluation.curves import TrainingCurves, read_training
-from graspcascade.evaluation.figures import paper_figures, training_figure
-from graspcascade.evaluation.markdown import points
-from graspcascade.evaluation.paper_runs import (
+from graspcascade.evaluation import Evaluation, newcombe
+from graspcascade.evaluation.record import pool
+from graspcascade.nets import EpochRecord
+from graspcascade.report import write_report
+from graspcascade.report.curves import TrainingCurves, read_training
+from graspcascade.report.figures import paper_figures, training_figure
+from graspcascade.report.markdown import points
+from graspcascade.report.paper_runs import (
     Runs,
     metadata_differences,
     read_paper_runs,
     retraining_margin,
     training_seed,
 )
-from graspcascade.evaluation.paper_tables import judge
-from graspcascade.evaluation.published import HEURISTIC, ORDERINGS, PAPER_MODELS, SUCCESS_PERCENT, TABLES
-from graspcascade.evaluation.record import pool
-from graspcascade.nets import EpochRecord
+from graspcascade.report.paper_tables import judge
+from graspcascade.report.published import HEURISTIC, ORDERINGS, PAPER_MODELS, SUCCESS_PERCENT, TABLES
 from graspcascade.trials import PAPER
-from test_evaluation import evaluation, words
+from test_evaluation import evaluation
 from test_intervals import counts
 from test_pictures import MAX_BYTES, needs_drawing
+from test_results_page import words
 
 
 def trained(model: str, training_seed: int, held_share: float, seed: int = 0, **changes: Any) -> Evaluation:
@@ -55,7 +57,7 @@ def results(tmp_path: Path) -> Path:
 
 
 def page(results: Path) -> str:
-    report(results, results.parent / "results.md")
+    write_report(results, results.parent / "results.md")
     return (results.parent / "results.md").read_text()
 
 
@@ -362,7 +364,7 @@ def test_files_that_do_not_belong_in_one_table_are_refused(
     before = page(results)
     spoil(results / "paper")
     with pytest.raises(FileFormatError, match=word) as refusal:
-        report(results, results.parent / "results.md")
+        write_report(results, results.parent / "results.md")
     assert "other.json" in str(refusal.value)
     assert (results.parent / "results.md").read_text() == before
 
@@ -439,7 +441,7 @@ def test_without_the_experiment_nothing_is_drawn(tmp_path: Path) -> None:
 
 def test_pictures_are_shown_where_they_are_drawn_or_found(results: Path) -> None:
     assert "![" not in page(results)
-    report(results, results.parent / "docs" / "results.md", results.parent / "pictures")
+    write_report(results, results.parent / "docs" / "results.md", results.parent / "pictures")
     text = (results.parent / "docs" / "results.md").read_text()
     for name in ("success_heuristic", "success_paper_model2", "pose_frames"):
         assert f"](../pictures/{name}.png)" in text

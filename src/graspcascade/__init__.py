@@ -17,7 +17,7 @@ Three nouns and three verbs carry it: ``candidates(postures) -> Grasps``, ``tria
 - `dataset`: grasps and outcomes as Parquet shards, resumable collection
 - `cascade`: stages as data, fitting them, `GraspSampler`
 - `pictures`: offscreen rendering
-- `evaluation`: success matrices with intervals, the results page
+- `evaluation`: success rates with intervals; `report`: the results page, its figures, the model card
 - `formats`: grasp files; `viewer`: the web page
 - `bench`: speed against yardsticks; `cli`: the command line
 

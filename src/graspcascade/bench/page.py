@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FileFormatError
-from ..evaluation.blocks import fill_blocks
-from ..evaluation.markdown import MISSING, table
 from ..files import read_json, write_text
+from ..report.blocks import fill_blocks
+from ..report.markdown import MISSING, table
 
 _TRIALS = {
     "collection": "collection",

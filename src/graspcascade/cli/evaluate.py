@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..evaluation import Evaluation, Source, Tally, evaluate, heuristic_source, model_source
+from ..evaluation import HEURISTIC, Evaluation, Source, Tally, evaluate, heuristic_source, model_source
 from ..trials import protocol
 from .console import at_least, bar, interval, print_json, print_table
-
-HEURISTIC = "heuristic"
 
 
 @dataclass(frozen=True)

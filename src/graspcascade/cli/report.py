@@ -39,10 +39,10 @@ class Report:
 
             need_matplotlib()
             need_renderer()
-        # Evaluation loads the physics engine, which a wrong setting of the renderer stops from loading at all.
-        from ..evaluation import report
+        # Reports load the physics engine, which a wrong setting of the renderer stops from loading at all.
+        from ..report import write_report
 
-        report(self.results, self.out, self.figures)
+        write_report(self.results, self.out, self.figures)
         written = [self.out, *self._fill_performance(), *self._fill_model_card()]
         written += [] if self.figures is None else self._draw(self.figures)
         if self.json:
@@ -63,13 +63,13 @@ class Report:
         page = self.out.with_name("model_card.md")
         if not page.is_file():
             return []
-        from ..evaluation.model_card import fill_model_card
+        from ..report.model_card import fill_model_card
 
         fill_model_card(page)
         return [page]
 
     def _draw(self, folder: Path) -> list[Path]:
-        from ..evaluation.figures import heat_maps, paper_figures
+        from ..report.figures import heat_maps, paper_figures
 
         return [
             *heat_maps(self.results, folder),

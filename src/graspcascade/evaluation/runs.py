@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..candidates import draw_sides
+from ..cascade.sampler import EVALUATION_FILE
 from ..dataset.collect import CELLS, versions
 from ..errors import InputError
 from ..grasps import Grasps
@@ -24,7 +25,6 @@ from .store import Counts, RoundStore
 
 ROUND_PER_CELL = 20
 """Trials of a cell in one round; a round is all that an interruption can lose."""
-EVALUATION_FILE = "evaluation.json"
 
 _STREAM = 0xE7A1
 """Keeps the draws of an evaluation apart from those of a collection with the same seed."""

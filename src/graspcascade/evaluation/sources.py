@@ -14,6 +14,9 @@ from ..postures import PosturePrior
 
 Names = NDArray[np.str_]
 
+HEURISTIC = "heuristic"
+"""Name of the heuristic among models, and stem of its evaluation's file."""
+
 
 class Source(Protocol):
     """Draw one grasp for each row; the same generator state gives the same grasps."""

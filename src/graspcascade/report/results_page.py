@@ -6,20 +6,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..evaluation import HEURISTIC
+from ..evaluation.record import Evaluation, Tally
 from ..files import write_text
 from ..trials import VERDICTS
 from .entries import Entry, ResultsFolder, read_results
 from .gallery import Gallery
 from .markdown import MISSING, over, pair, percent, plain, rate, table, widest
 from .measurements import measurement_section, spread
+from .paper_runs import NOTES_FILE
 from .paper_tables import paper_section
-from .published import HEURISTIC
-from .record import Evaluation, Tally
-
-NOTES_FILE = "notes.md"
 
 
-def report(results_dir: Path | str, out: Path | str, figures: Path | str | None = None) -> None:
+def write_report(results_dir: Path | str, out: Path | str, figures: Path | str | None = None) -> None:
     """Write the results page from a folder of JSON files.
 
     Evaluations come first, the heuristic before all; a folder `paper` among them becomes the section of the paper's

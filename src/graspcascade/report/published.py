@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-HEURISTIC = "heuristic"
-"""Name of the heuristic's evaluation, and stem of its file."""
+from ..evaluation import HEURISTIC
+
 FULL_MODEL = "model3"
 """The paper's own model: Model 3 of Table I, the von Mises-Fisher row of Table II, variant 1 of Table III."""
 

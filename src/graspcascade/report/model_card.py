@@ -8,11 +8,11 @@ from typing import Any
 
 from ..cascade import GraspSampler
 from ..cascade.sampler import DEFAULT, EVALUATION_FILE, shipped_folder
+from ..evaluation.record import Evaluation, Tally
 from ..files import write_text
 from .blocks import fill_blocks
 from .markdown import pair, percent, plain, rate, table, widest
 from .measurements import spread
-from .record import Evaluation, Tally
 
 _WEAK = 0.9
 """Cells that hold less often are listed as weak."""

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FileFormatError, InputError
+from ..evaluation import HEURISTIC
+from ..evaluation.record import Evaluation, Tally, is_evaluation
 from ..files import read_json
 from .gallery import heat_map_name
 from .paper_runs import PAPER_FOLDER, PaperRuns, read_paper_runs
-from .published import FULL_MODEL, HEURISTIC
-from .record import Evaluation, Tally, is_evaluation
+from .published import FULL_MODEL
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from statistics import stdev
 
 from ..cascade import FACTORIZATIONS, Stage
+from ..evaluation import HEURISTIC
+from ..evaluation.record import Evaluation, Tally
 from ..intervals import Difference
 from ..trials import VERDICTS
 from .gallery import POSE_FRAMES, TRAINING_CURVES, Gallery, pooled_heat_map_name
@@ -15,7 +17,6 @@ from .measurements import spread
 from .paper_runs import PaperRuns, Runs, metadata_differences, retraining_margin, training_seed
 from .published import (
     FULL_MODEL,
-    HEURISTIC,
     MAIN_MODELS,
     ORDERINGS,
     SUCCESS_PERCENT,
@@ -23,7 +24,6 @@ from .published import (
     Ordering,
     PaperTable,
 )
-from .record import Evaluation, Tally
 
 NOT_RUN = "not yet run"
 _SYMBOLS = {

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..evaluation.record import Cell, Evaluation
 from ..pictures.paper import FAINT, INK, blank_figure, save_png
 from .curves import StageCurves, TrainingCurves
 from .entries import read_results
 from .gallery import TRAINING_CURVES, pooled_heat_map_name
 from .paper_runs import PAPER_FOLDER, read_paper_runs
 from .published import MAIN_MODELS
-from .record import Cell, Evaluation
 
 _SETTLED_AFTER = 10
 """A scale is that of the losses after one in so many of the epochs."""

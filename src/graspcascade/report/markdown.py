@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from ..evaluation.record import Tally
 from ..intervals import Difference, Interval
-from .record import Tally
 
 MISSING = "—"
 """Stands where there is no number."""

@@ -11,11 +11,11 @@ from statistics import variance
 from typing import Any
 
 from ..errors import FileFormatError
+from ..evaluation.record import Evaluation, pool
 from .curves import TrainingCurves, read_training
 from .markdown import plain
 from .measurements import spread
 from .published import FULL_MODEL, PAPER_MODELS
-from .record import Evaluation, pool
 
 PAPER_FOLDER = "paper"
 """Folder of the experiment beside the other evaluations."""
