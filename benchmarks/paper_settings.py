@@ -109,6 +109,7 @@ def experiments() -> list[Run]:
     found += [
         changed("learn_from_all_held", training=_training(learn_from="held")),
         changed("settled_object_pose", training=_training(object_pose="settled")),
+        changed("rare_cells_not_repeated", training=_training(most_repeats=1)),
         changed("rotations_not_folded", training=_training(fold_rotations=False)),
         changed("rotation_from_mixture", factorization=_with_stages(mixed)),
         changed("half_the_latent", factorization=_with_stages(narrower_latent)),

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from graspcascade.candidates import candidates, draw_sides, opposition_points
 from graspcascade.cascade import FACTORIZATIONS, GraspSampler, factorization
 from graspcascade.cascade.encoding import Request, condition, condition_matrix, encode_request, shared_quantities
-from graspcascade.cascade.fit import CascadeTraining, FittedCascade, fit_cascade, prepare
+from graspcascade.cascade.fit import CascadeTraining, FittedCascade, fit_cascade, prepare, repeat_rare
 from graspcascade.cascade.frames import fold_rotations, learning_frame
 from graspcascade.cascade.sizes import SizeRule
 from graspcascade.cascade.stages import Frame
@@ -237,8 +237,29 @@ def test_learning_from_faithful_grasps_leaves_the_others_out(dataset: Dataset) -
     half = dataclasses.replace(dataset, outcomes=dataclasses.replace(dataset.outcomes, touching_end=touching))
     faithful = prepare(HAND, half, FACTORIZATIONS["model3"], CascadeTraining(learn_from="faithful"))
     held = prepare(HAND, half, FACTORIZATIONS["model3"], CascadeTraining(learn_from="held"))
-    assert len(held.request.side_m) == 600
-    assert len(faithful.request.side_m) == 300
+    assert (held.n_grasps, faithful.n_grasps) == (600, 300)
+    assert len(held.request.side_m) > len(faithful.request.side_m) >= 300
+
+
+CELLS_OF_FOUR = st.tuples(st.sampled_from(["tripod", "tip_pinch"]), st.sampled_from(["box_small", "sphere_large"]))
+
+
+@given(st.lists(CELLS_OF_FOUR, min_size=1, max_size=60), st.integers(1, 8), st.integers(0, 3))
+def test_rare_cells_are_repeated_until_they_have_as_many_as_the_median(
+    cells: list[tuple[str, str]], most: int, seed: int
+) -> None:
+    types, labels = (np.array(column) for column in zip(*cells, strict=True))
+    one = drawn_candidates(1)
+    grasps = dataclasses.replace(one[np.zeros(len(cells), dtype=int)], grasp_type=types, object_label=labels)
+    places = np.flatnonzero(np.arange(len(cells)) % 5 != 4)
+    found = repeat_rare(grasps, places, most, seed)
+    times = np.bincount(found, minlength=len(cells))
+    assert set(found) == set(places)
+    counts = {cell: sum(cells[place] == cell for place in places) for cell in {cells[place] for place in places}}
+    for cell, count in counts.items():
+        of_cell = np.array([times[place] for place in places if cells[place] == cell])
+        assert of_cell.sum() == max(count, min(int(np.median(list(counts.values()))), most * count))
+        assert np.ptp(of_cell) <= 1
 
 
 def test_too_few_successes_are_refused(dataset: Dataset) -> None:

@@ -25,7 +25,7 @@ from ..hands import HandModel
 from ..nets import EpochRecord, NumpyDecoder, TrainingSpec, VaeSpec
 from ..postures import contact_metric
 from ..trials import Outcomes
-from .encoding import Request, condition_matrix, encode_posture, encode_request, vae_spec
+from .encoding import Cells, Request, condition_matrix, encode_posture, encode_request, vae_spec
 from .frames import fold_rotations, learning_frame
 from .sampler import GraspSampler
 from .sizes import SizeRule
@@ -49,6 +49,9 @@ class CascadeTraining:
     """Which successes: those that also touch every digit their type needs, or all that held."""
     object_pose: Literal["placed", "settled"] = "placed"
     """The object's pose to learn: where the candidate put it, or where closing left it."""
+    most_repeats: int = 20
+    """Grasps of an object and type that has fewer than most are repeated up to so many times, so that all are learned
+    alike; 1 for never."""
     fold_rotations: bool = True
     """Replace rotations by their images under the object's symmetry that lie nearest to one reference."""
     fingertip_error_m: float = 0.002
@@ -126,7 +129,7 @@ def fit_cascade(
     fitted = _fit_stages(material, factorization, config, progress, workers)
     decoders = {name: NumpyDecoder.from_fitted(found) for name, found in fitted.items()}
     history = {name: found.history for name, found in fitted.items()}
-    metadata = _metadata(dataset, config, len(material.request.side_m), history)
+    metadata = _metadata(dataset, config, material.n_grasps, history)
     return FittedCascade(
         GraspSampler(factorization.name, hand, factorization, decoders, material.sizes, metadata), history
     )
@@ -136,9 +139,11 @@ def fit_cascade(
 class Material:
     """Hold what stages are trained on: requests, targets by name, condition columns by quantity.
 
-    The contact metric is computed when called: it is far larger than all the rest, and only one stage needs it.
+    `n_grasps` counts the grasps, some of which may be in several rows. The contact metric is computed when called: it
+    is far larger than all the rest, and only one stage needs it.
     """
 
+    n_grasps: int
     request: Request
     targets: dict[Target, Array]
     quantities: dict[Any, Array]
@@ -157,7 +162,8 @@ def prepare(hand: HandModel, dataset: Dataset, factorization: Factorization, con
     if rows.sum() < 100:
         raise InputError(f"only {int(rows.sum())} {config.learn_from} grasps to learn from; at least 100 are needed")
     sizes = SizeRule.measure(_request(dataset.grasps, dataset.outcomes), rows, held)
-    grasps, outcomes = dataset.grasps[rows], dataset.outcomes[rows]
+    places = repeat_rare(dataset.grasps, np.flatnonzero(rows), config.most_repeats, config.training.seed)
+    grasps, outcomes = dataset.grasps[places], dataset.outcomes[places]
     request = _request(grasps, outcomes)
     pose = grasps.X_hand_object if config.object_pose == "placed" else outcomes.X_hand_object_settled
     thumb, other = opposition_points(hand, grasps.posture, grasps.grasp_type)
@@ -176,7 +182,30 @@ def prepare(hand: HandModel, dataset: Dataset, factorization: Factorization, con
         "rotation": rotation,
     }
     metric = partial(contact_metric, hand, grasps.posture, grasps.grasp_type)
-    return Material(request, targets, quantities, metric, sizes)
+    return Material(int(rows.sum()), request, targets, quantities, metric, sizes)
+
+
+def repeat_rare(grasps: Grasps, places: NDArray[np.intp], most: int, seed: int) -> NDArray[np.intp]:
+    """Repeat grasps of rare objects and types until these have as many as the median one.
+
+    Args:
+        grasps: from which to choose.
+        places: ``(n,)`` the chosen ones.
+        most: times that one is in the answer at the most.
+        seed: of the draw of those that are in it once more than others.
+
+    Returns:
+        The places, each at least once, in order.
+    """
+    cells = Cells.find(grasps.grasp_type[places], grasps.object_label[places]).of_row
+    counts = np.bincount(cells)
+    enough, rng = int(np.median(counts)), np.random.default_rng(seed)
+    chosen = [places]
+    for cell in np.flatnonzero(counts < enough):
+        some = places[cells == cell]
+        repeats, rest = divmod(min(enough, most * len(some)) - len(some), len(some))
+        chosen += [np.repeat(some, repeats), rng.permutation(some)[:rest]]
+    return np.sort(np.concatenate(chosen))
 
 
 def _request(grasps: Grasps, outcomes: Outcomes) -> Request:
