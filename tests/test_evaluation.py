@@ -219,6 +219,7 @@ def test_without_pyarrow_an_evaluation_resumes_from_its_counts(
         {"cells": TWO_CELLS[:1]},
         {"metadata": {"weights": "b"}},
         {"hand": replace(SHADOW_HAND, name="another")},
+        {"hand": replace(SHADOW_HAND, pregrasp_rad={})},
     ],
 )
 def test_a_folder_with_other_arguments_is_refused(

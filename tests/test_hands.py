@@ -455,3 +455,12 @@ def test_a_hinge_about_a_slanted_axis_turns_as_rodrigues_says() -> None:
     np.testing.assert_array_equal(origin, np.tile([0.1, 0.0, 0.2], (3, 1)))
     point = tree.points({"hinge": angles}, {"tip": ("link", (0.0, 0.3, -0.1))})["tip"]
     np.testing.assert_allclose(point, origin + expected @ [0.0, 0.3, -0.1], atol=1e-15)
+
+
+def test_a_fingerprint_names_what_a_hand_is_and_not_where_it_lies(tmp_path: Path) -> None:
+    copy = tmp_path / "copy.xml"
+    copy.write_bytes(SHADOW_HAND.mjcf.read_bytes())
+    assert replace(SHADOW_HAND, mjcf=copy).fingerprint() == SHADOW_HAND.fingerprint()
+    assert replace(SHADOW_HAND, pregrasp_rad={}).fingerprint() != SHADOW_HAND.fingerprint()
+    copy.write_bytes(copy.read_bytes() + b"<!-- heavier -->")
+    assert replace(SHADOW_HAND, mjcf=copy).fingerprint() != SHADOW_HAND.fingerprint()

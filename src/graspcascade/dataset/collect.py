@@ -212,6 +212,7 @@ def _open(
     identity = {
         "schema_version": SCHEMA_VERSION,
         "hand": hand.description.name,
+        "hand_fingerprint": hand.description.fingerprint(),
         "joint_names": list(hand.joint_names),
         "pregrasp_rad": hand.pregrasp.tolist(),
         "prior": prior.fingerprint(),

@@ -75,6 +75,7 @@ def evaluate(
         "model_metadata": _plain(metadata or {}),
         "protocol": protocol.to_json(),
         "hand": hand.name,
+        "hand_fingerprint": hand.fingerprint(),
         "joint_names": list(hand.joint_names),
         "pregrasp_rad": [hand.pregrasp_rad.get(joint, 0.0) for joint in hand.joint_names],
         "objects": {label: {"shape": o.shape, "extents_m": list(o.extents_m)} for label, o in CATALOGUE.items()},

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -60,6 +62,11 @@ class HandDescription:
     def __hash__(self) -> int:
         """Hash what tells hands apart, so that what is built for a hand can be kept by it."""
         return hash((self.name, self.mjcf, self.prefix))
+
+    def fingerprint(self) -> str:
+        """Give a short digest of the description and of its MJCF file, wherever that lies."""
+        about = asdict(self) | {"mjcf": hashlib.sha256(self.mjcf.read_bytes()).hexdigest()}
+        return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:16]
 
     def with_model(self, mjcf: Path | str, name: str, prefix: str) -> HandDescription:
         """Describe another MJCF of the same hand, such as one with meshes, whose bodies share our frames."""
