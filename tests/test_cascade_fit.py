@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from graspcascade import workers
 from graspcascade.candidates import candidates, draw_sides
-from graspcascade.cascade import FACTORIZATIONS, fit, workers
+from graspcascade.cascade import FACTORIZATIONS, fit
 from graspcascade.cascade.fit import CascadeTraining, FittedCascade, StageJob, fit_cascade
 from graspcascade.cli.console import Bar
 from graspcascade.cli.train import Epochs

@@ -16,13 +16,13 @@ from ..candidates import draw_sides
 from ..cascade import CascadeTraining, GraspSampler, factorization, fit_cascade
 from ..cascade.fit import StageJob, prepare
 from ..cascade.stages import Factorization
-from ..cascade.workers import run_jobs
 from ..dataset import Dataset, load_dataset
 from ..dataset.collect import CELLS
 from ..errors import InputError
 from ..hands import HandModel
 from ..nets import EpochRecord, TrainingSpec, VaeSpec
 from ..trials import PAPER, Outcomes
+from ..workers import run_jobs
 
 FACTORIZATION = "model3"
 _YARDSTICK_STEPS = 200

@@ -25,12 +25,12 @@ from ..hands import HandModel
 from ..nets import EpochRecord, NumpyDecoder, TrainingSpec, VaeSpec
 from ..postures import contact_metric
 from ..trials import Outcomes
+from ..workers import run_jobs
 from .encoding import Cells, Request, condition_matrix, encode_posture, encode_request, vae_spec
 from .frames import fold_rotations, learning_frame
 from .sampler import GraspSampler
 from .sizes import SizeRule
 from .stages import Factorization, Stage, Target
-from .workers import run_jobs
 
 if TYPE_CHECKING:
     from ..nets import Fitted

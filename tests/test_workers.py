@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from graspcascade.cascade.workers import run_jobs
 from graspcascade.errors import FileFormatError, InputError
+from graspcascade.workers import run_jobs
 
 Report = Callable[[Any], None]
 
@@ -118,7 +118,7 @@ def test_an_interrupt_leaves_no_process(started: list[Any]) -> None:
 
 
 def test_a_process_ends_amid_its_job_when_whoever_asked_is_gone() -> None:
-    code = "from graspcascade.cascade.workers import serve; serve()"
+    code = "from graspcascade.workers import serve; serve()"
     path = {"PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(
         [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | path

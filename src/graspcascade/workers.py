@@ -19,8 +19,8 @@ from functools import partial
 from queue import SimpleQueue
 from typing import IO, Any, TypeVar
 
-from ..errors import InputError
-from ..machine import child_environment, processors
+from .errors import InputError
+from .machine import child_environment, processors
 
 Result = TypeVar("Result")
 Report = TypeVar("Report")
