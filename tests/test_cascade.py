@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from graspcascade.candidates import candidates, draw_sides, opposition_points
 from graspcascade.cascade import FACTORIZATIONS, GraspSampler, factorization
 from graspcascade.cascade.encoding import Request, condition, condition_matrix, encode_request, shared_quantities
-from graspcascade.cascade.fit import CascadeTraining, FittedCascade, fit_cascade, prepare, repeat_rare
+from graspcascade.cascade.fit import FittedCascade, fit_cascade
 from graspcascade.cascade.frames import fold_rotations, learning_frame
+from graspcascade.cascade.material import CascadeTraining, prepare, repeat_rare
 from graspcascade.cascade.sizes import SizeRule
 from graspcascade.cascade.stages import Frame
 from graspcascade.dataset import Dataset

@@ -12,7 +12,8 @@ import pytest
 from graspcascade import workers
 from graspcascade.candidates import candidates, draw_sides
 from graspcascade.cascade import FACTORIZATIONS, fit
-from graspcascade.cascade.fit import CascadeTraining, FittedCascade, StageJob, fit_cascade
+from graspcascade.cascade.fit import FittedCascade, StageJob, fit_cascade
+from graspcascade.cascade.material import CascadeTraining
 from graspcascade.cli.console import Bar
 from graspcascade.cli.train import Epochs
 from graspcascade.dataset import Dataset

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from graspcascade.cascade import FACTORIZATIONS, GraspSampler
-from graspcascade.cascade.fit import TRAINING_FILE, CascadeTraining
+from graspcascade.cascade.fit import TRAINING_FILE
+from graspcascade.cascade.material import CascadeTraining
 from graspcascade.cascade.sampler import shipped_folder
 from graspcascade.errors import InputError
 from graspcascade.report.published import HEURISTIC, PAPER_MODELS

@@ -14,7 +14,8 @@ import numpy as np
 
 from ..candidates import draw_sides
 from ..cascade import CascadeTraining, GraspSampler, factorization, fit_cascade
-from ..cascade.fit import StageJob, prepare
+from ..cascade.fit import StageJob
+from ..cascade.material import prepare
 from ..cascade.stages import Factorization
 from ..dataset import Dataset, load_dataset
 from ..dataset.collect import CELLS

@@ -7,7 +7,8 @@ from .sizes import SizeRule
 from .stages import FACTORIZATIONS, Factorization, Stage, factorization
 
 if TYPE_CHECKING:
-    from .fit import CascadeTraining, FittedCascade, fit_cascade
+    from .fit import FittedCascade, fit_cascade
+    from .material import CascadeTraining
 
 __all__ = [
     "FACTORIZATIONS",
@@ -24,8 +25,12 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     # Fitting reads datasets and runs physics code; sampling should load neither.
-    if name in ("CascadeTraining", "FittedCascade", "fit_cascade"):
+    if name in ("FittedCascade", "fit_cascade"):
         from . import fit
 
         return getattr(fit, name)
+    if name == "CascadeTraining":
+        from .material import CascadeTraining
+
+        return CascadeTraining
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

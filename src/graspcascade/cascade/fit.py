@@ -4,62 +4,34 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..candidates import opposition_points
 from ..dataset import Dataset
 from ..dataset.collect import versions
 from ..dataset.shards import shards_digest
 from ..errors import InputError
 from ..files import write_text
-from ..grasps import Grasps
 from ..hands import HandModel
 from ..nets import EpochRecord, NumpyDecoder, TrainingSpec, VaeSpec
-from ..postures import contact_metric
-from ..trials import Outcomes
 from ..workers import run_jobs
-from .encoding import Cells, Request, condition_matrix, encode_posture, encode_request, vae_spec
-from .frames import fold_rotations, learning_frame
+from .encoding import condition_matrix, vae_spec
+from .material import CascadeTraining, Material, prepare
 from .sampler import GraspSampler
-from .sizes import SizeRule
-from .stages import Factorization, Stage, Target
+from .stages import Factorization, Stage
 
 if TYPE_CHECKING:
     from ..nets import Fitted
 
-Array = NDArray[np.float64]
 Progress = Callable[[str, EpochRecord], None]
 TRAINING_FILE = "training.json"
 _CURVES = ("epoch", "learning_rate", "train_loss", "train_reconstruction", "train_kl", "validation_loss")
-
-
-@dataclass(frozen=True)
-class CascadeTraining:
-    """Say what to learn from and how long."""
-
-    learn_from: Literal["faithful", "held"] = "faithful"
-    """Which successes: those that also touch every digit their type needs, or all that held."""
-    object_pose: Literal["placed", "settled"] = "placed"
-    """The object's pose to learn: where the candidate put it, or where closing left it."""
-    most_repeats: int = 20
-    """Grasps of an object and type that has fewer than most are repeated up to so many times, so that all are learned
-    alike; 1 for never."""
-    fold_rotations: bool = True
-    """Replace rotations by their images under the object's symmetry that lie nearest to one reference."""
-    fingertip_error_m: float = 0.002
-    """Error of the contact places that counts as much as one standard deviation of a joint angle."""
-    training: TrainingSpec = field(
-        default_factory=lambda: TrainingSpec(epochs=80, max_steps=10_000, batch_size=512, learning_rate=4e-3)
-    )
-    """The training loop of every stage; its metric weight is set from the fingertip error."""
 
 
 @dataclass(frozen=True)
@@ -132,90 +104,6 @@ def fit_cascade(
     metadata = _metadata(dataset, config, material.n_grasps, history)
     return FittedCascade(
         GraspSampler(factorization.name, hand, factorization, decoders, material.sizes, metadata), history
-    )
-
-
-@dataclass(frozen=True)
-class Material:
-    """Hold what stages are trained on: requests, targets by name, condition columns by quantity.
-
-    `n_grasps` counts the grasps, some of which may be in several rows. The contact metric is computed when called: it
-    is far larger than all the rest, and only one stage needs it.
-    """
-
-    n_grasps: int
-    request: Request
-    targets: dict[Target, Array]
-    quantities: dict[Any, Array]
-    metric: Callable[[], NDArray[np.float32]]
-    sizes: SizeRule
-
-
-def prepare(hand: HandModel, dataset: Dataset, factorization: Factorization, config: CascadeTraining) -> Material:
-    """Encode the successes of a dataset for training.
-
-    Raises:
-        InputError: fewer than 100 successes.
-    """
-    held = dataset.outcomes.held
-    rows = dataset.outcomes.faithful(dataset.grasps) if config.learn_from == "faithful" else held
-    if rows.sum() < 100:
-        raise InputError(f"only {int(rows.sum())} {config.learn_from} grasps to learn from; at least 100 are needed")
-    sizes = SizeRule.measure(_request(dataset.grasps, dataset.outcomes), rows, held)
-    places = repeat_rare(dataset.grasps, np.flatnonzero(rows), config.most_repeats, config.training.seed)
-    grasps, outcomes = dataset.grasps[places], dataset.outcomes[places]
-    request = _request(grasps, outcomes)
-    pose = grasps.X_hand_object if config.object_pose == "placed" else outcomes.X_hand_object_settled
-    thumb, other = opposition_points(hand, grasps.posture, grasps.grasp_type)
-    in_frame = learning_frame(thumb, other, factorization.frame).inverse() @ pose
-    rotation = in_frame.quat_wxyz
-    if config.fold_rotations:
-        rotation = fold_rotations(rotation, grasps.object_label, grasps.side_axis, factorization.frame)
-    # The object size that will be asked for is the cell's median, so training sees that and not each grasp's own.
-    _, aimed = sizes.apply(request, "median", np.random.default_rng(0))
-    quantities: dict[Any, Array] = dict(encode_request(replace(request, object_size_m=aimed)))
-    quantities["posture"] = encode_posture(grasps.posture, thumb, other)
-    quantities["position"] = in_frame.position_m
-    targets: dict[Target, Array] = {
-        "posture": grasps.posture,
-        "position": in_frame.position_m,
-        "rotation": rotation,
-    }
-    metric = partial(contact_metric, hand, grasps.posture, grasps.grasp_type)
-    return Material(int(rows.sum()), request, targets, quantities, metric, sizes)
-
-
-def repeat_rare(grasps: Grasps, places: NDArray[np.intp], most: int, seed: int) -> NDArray[np.intp]:
-    """Repeat grasps of rare objects and types until these have as many as the median one.
-
-    Args:
-        grasps: from which to choose.
-        places: ``(n,)`` the chosen ones.
-        most: times that one is in the answer at the most.
-        seed: of the draw of those that are in it once more than others.
-
-    Returns:
-        The places, each at least once, in order.
-    """
-    cells = Cells.find(grasps.grasp_type[places], grasps.object_label[places]).of_row
-    counts = np.bincount(cells)
-    enough, rng = int(np.median(counts)), np.random.default_rng(seed)
-    chosen = [places]
-    for cell in np.flatnonzero(counts < enough):
-        some = places[cells == cell]
-        repeats, rest = divmod(min(enough, most * len(some)) - len(some), len(some))
-        chosen += [np.repeat(some, repeats), rng.permutation(some)[:rest]]
-    return np.sort(np.concatenate(chosen))
-
-
-def _request(grasps: Grasps, outcomes: Outcomes) -> Request:
-    return Request(
-        grasps.grasp_type,
-        grasps.object_label,
-        grasps.side_axis,
-        grasps.side_m,
-        grasps.grasp_size_m,
-        outcomes.object_size_m,
     )
 
 
