@@ -43,7 +43,7 @@ class Collect:
         at_least("threads", self.threads, 0)
         prior = PosturePrior.pretrained() if self.prior is None else PosturePrior.load(self.prior)
         lost: list[str] = []
-        with bar("trials", self._target) as progress:
+        with bar(self._goal[0], self._target) as progress:
 
             def report(state: CollectionState) -> None:
                 if state.lost and not lost:
@@ -78,6 +78,7 @@ class Collect:
 
     @property
     def _goal(self) -> tuple[str, int]:
+        """Give what is counted and how many of it each cell needs."""
         trials, held = self.spec.trials_per_cell, self.spec.successes_per_cell
         return ("trials", trials) if trials >= held else ("held", held)
 

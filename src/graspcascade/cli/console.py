@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 _PIPE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe, where nothing should be wrapped."""
+_SAY_EVERY_S = 60.0
 
 
 def print_json(data: object) -> None:
@@ -75,29 +77,42 @@ def at_least(name: str, value: int, minimum: int) -> None:
 
 
 class Bar:
-    """Report progress: a bar on a terminal, nothing elsewhere."""
+    """Report progress: a bar on a terminal; elsewhere, as in a log, a line each minute."""
 
-    def __init__(self, progress: Progress | None, total: int | None, title: str) -> None:
-        self._progress = progress
+    def __init__(
+        self, progress: Progress | None, total: int | None, title: str, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._progress, self._clock, self._said_at = progress, clock, clock()
+        self._title, self._done, self._total, self._note = title, 0, total, ""
         self._task = None if progress is None else progress.add_task(title, total=total, note="")
 
     def advance(self, steps: int) -> None:
         """Move on by some steps."""
-        if self._progress is not None and self._task is not None:
-            self._progress.advance(self._task, steps)
+        self.show(self._done + steps)
 
     def show(self, done: int, total: int | None = None, note: str | None = None, title: str | None = None) -> None:
         """Set what is done, and where given the total, the note beside the bar and the title."""
+        self._done = done
+        self._total = self._total if total is None else total
+        self._note = self._note if note is None else note
+        self._title = self._title if title is None else title
         if self._progress is None or self._task is None:
+            self._say()
             return
-        self._progress.update(self._task, completed=done, total=total, description=title)
-        if note is not None:
-            self._progress.update(self._task, note=note)
+        self._progress.update(self._task, completed=done, total=self._total, description=self._title, note=self._note)
+
+    def _say(self) -> None:
+        if self._clock() - self._said_at < _SAY_EVERY_S:
+            return
+        self._said_at = self._clock()
+        of_all = "" if self._total is None else f" of {self._total}"
+        note = f", {self._note}" if self._note else ""
+        print(f"{self._title}: {self._done}{of_all}{note}", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def bar(title: str, total: int | None = None) -> Iterator[Bar]:
-    """Show a progress bar on standard error while the block runs."""
+    """Show a progress bar on standard error while the block runs (see `Bar`)."""
     if not sys.stderr.isatty():
         yield Bar(None, total, title)
         return
