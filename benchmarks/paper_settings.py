@@ -8,7 +8,8 @@ from typing import Any
 
 from graspcascade.cascade import FACTORIZATIONS, CascadeTraining, Factorization
 from graspcascade.cascade.sizes import SizeMode
-from graspcascade.report.published import FULL_MODEL, HEURISTIC, PAPER_MODELS
+from graspcascade.evaluation import HEURISTIC
+from graspcascade.report.published import FULL_MODEL, PAPER_MODELS
 
 SEEDS = {"model1": (0, 1, 2), "model2": (0, 1, 2), FULL_MODEL: (0, 1, 2)}
 """Training seeds of the models of Table I; the others have the first alone."""

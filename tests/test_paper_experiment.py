@@ -16,7 +16,8 @@ from graspcascade.cascade.fit import TRAINING_FILE
 from graspcascade.cascade.material import CascadeTraining
 from graspcascade.cascade.sampler import shipped_folder
 from graspcascade.errors import InputError
-from graspcascade.report.published import HEURISTIC, PAPER_MODELS
+from graspcascade.evaluation import HEURISTIC
+from graspcascade.report.published import PAPER_MODELS
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 
