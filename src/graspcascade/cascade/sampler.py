@@ -216,7 +216,7 @@ class GraspSampler:
         )
 
 
-DEFAULT = "model3"
+DEFAULT = "paper"
 """The shipped cascade that `GraspSampler.pretrained()` loads."""
 
 

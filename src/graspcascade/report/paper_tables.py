@@ -299,7 +299,9 @@ def _curve_section(found: PaperRuns, gallery: Gallery) -> list[str]:
     )  # fmt: skip
     return [
         "### Training curves",
-        "The last epoch of every stage; losses of different stages, or of different outputs, are on different scales.",
+        "The last epoch of every stage; losses of different stages, or of different outputs, are on different scales. "
+        "The divergence's weight rises over the beginning of a run, so that losses of its first epochs are another "
+        "quantity.",
         table(header, rows, text_columns=2),
         *gallery.show(TRAINING_CURVES, "Loss on held-out rows (solid) and on the training rows (dotted) by epoch"),
     ]
