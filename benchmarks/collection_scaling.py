@@ -17,7 +17,7 @@ import tyro
 
 from graspcascade.bench.environment import environment
 from graspcascade.dataset.shards import read_metadata
-from graspcascade.files import write_text
+from graspcascade.files import write_json
 from graspcascade.machine import processors
 
 
@@ -65,10 +65,9 @@ def main(arguments: Arguments) -> None:
         "round_per_cell": metadata["round_per_cell"],
         "runs": rows(metadata, arguments.trials),
     }
-    text = json.dumps(result, indent=1) + "\n"
-    print(text, end="")
+    print(json.dumps(result, indent=1))
     if arguments.out is not None:
-        write_text(arguments.out, text)
+        write_json(arguments.out, result)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ Example::
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import tyro
 from graspcascade.dataset import CollectionSpec
 from graspcascade.dataset.shards import read_metadata
 from graspcascade.evaluation import wilson
-from graspcascade.files import write_text
+from graspcascade.files import write_json
 from graspcascade.machine import cpu_model, processors
 
 
@@ -85,7 +84,7 @@ def main(arguments: Arguments) -> None:
         "shards": [{key: shard[key] for key in ("file", "rows", "sha256")} for shard in about["shards"]],
         "versions": about["versions"],
     }
-    write_text(arguments.out, json.dumps(card, indent=1) + "\n")
+    write_json(arguments.out, card)
 
 
 if __name__ == "__main__":

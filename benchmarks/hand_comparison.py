@@ -17,7 +17,7 @@ import numpy as np
 import tyro
 
 from graspcascade.candidates import candidates, draw_sides
-from graspcascade.files import write_text
+from graspcascade.files import write_json
 from graspcascade.hands import SHADOW_HAND, HandDescription, load_hand, load_spec, shadow_hand
 from graspcascade.intervals import share
 from graspcascade.objects import CATALOGUE
@@ -98,10 +98,9 @@ def main(arguments: Arguments) -> None:
             for t in GRASP_TYPES
         ],
     }  # fmt: skip
-    text = json.dumps(result, indent=1) + "\n"
-    print(text)
+    print(json.dumps(result, indent=1))
     if arguments.out is not None:
-        write_text(arguments.out, text)
+        write_json(arguments.out, result)
 
 
 if __name__ == "__main__":

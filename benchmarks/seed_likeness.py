@@ -13,7 +13,7 @@ from pathlib import Path
 
 import tyro
 
-from graspcascade.files import write_text
+from graspcascade.files import write_json
 from graspcascade.hands import shadow_hand
 from graspcascade.postures import Likeness, SeedSpec, human_likeness, make_seeds
 
@@ -57,10 +57,9 @@ def main(arguments: Arguments) -> None:
             for one, two in zip(commanded, executed, strict=True)
         ],
     }
-    text = json.dumps(result, indent=1) + "\n"
-    print(text)
+    print(json.dumps(result, indent=1))
     if arguments.out is not None:
-        write_text(arguments.out, text)
+        write_json(arguments.out, result)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ Example, with the cascade that is evaluated::
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from graspcascade.cascade import GraspSampler
 from graspcascade.cascade.sizes import PAPER_GRASP_OFFSET_M, PAPER_OBJECT_OFFSET_M
 from graspcascade.dataset import load_dataset
-from graspcascade.files import write_text
+from graspcascade.files import write_json
 from graspcascade.taxonomy import GRASP_TYPES
 
 
@@ -80,7 +79,7 @@ def main(arguments: Arguments) -> None:
             *(row(kind, grasps.grasp_type == kind, used(kind)) for kind in GRASP_TYPES),
         ],
     }
-    write_text(arguments.out, json.dumps(result, indent=1) + "\n")
+    write_json(arguments.out, result)
 
 
 if __name__ == "__main__":

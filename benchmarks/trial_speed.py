@@ -23,7 +23,7 @@ import tyro
 from graspcascade.bench.engine import RawEngine
 from graspcascade.bench.environment import environment
 from graspcascade.bench.trials import collection_grasps
-from graspcascade.files import write_text
+from graspcascade.files import write_json
 from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, shadow_hand
 from graspcascade.machine import processors
@@ -143,10 +143,9 @@ def main(arguments: Arguments) -> None:
         "ladder": ladder(arguments),
         "step": step_parts(arguments),
     }
-    text = json.dumps(result, indent=1) + "\n"
-    print(text, end="")
+    print(json.dumps(result, indent=1))
     if arguments.out is not None:
-        write_text(arguments.out, text)
+        write_json(arguments.out, result)
 
 
 if __name__ == "__main__":

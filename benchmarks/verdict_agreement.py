@@ -21,7 +21,7 @@ from graspcascade.bench.trials import collection_grasps, evaluation_grasps
 from graspcascade.cascade import GraspSampler
 from graspcascade.dataset.collect import versions
 from graspcascade.evaluation import model_source
-from graspcascade.files import write_text
+from graspcascade.files import write_json
 from graspcascade.grasps import Grasps
 from graspcascade.hands import shadow_hand
 from graspcascade.intervals import share
@@ -98,7 +98,7 @@ def main(arguments: Arguments) -> None:
         "comparisons": rows,
     }
     if arguments.out is not None:
-        write_text(arguments.out, json.dumps(result, indent=1) + "\n")
+        write_json(arguments.out, result)
 
 
 if __name__ == "__main__":

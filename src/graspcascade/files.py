@@ -58,6 +58,20 @@ def write_text(path: Path, text: str) -> None:
     write_staged(path, lambda staged: staged.write_text(text, encoding="utf-8"))
 
 
+def write_json(path: Path, data: Any, *, allow_nan: bool = True) -> None:
+    """Write a JSON file, staged; its folder is made if needed.
+
+    Args:
+        path: of the file.
+        data: anything JSON can hold.
+        allow_nan: whether numbers that are not finite may be written, which not every reader takes.
+
+    Raises:
+        TypeError, ValueError: JSON cannot hold it.
+    """
+    write_text(path, json.dumps(data, indent=1, allow_nan=allow_nan) + "\n")
+
+
 @contextlib.contextmanager
 def sole_writer(folder: Path) -> Iterator[None]:
     """Keep everybody else who asks for the same from a folder while the block runs.

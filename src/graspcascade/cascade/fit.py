@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -17,7 +16,7 @@ from ..dataset import Dataset
 from ..dataset.collect import versions
 from ..dataset.shards import shards_digest
 from ..errors import InputError
-from ..files import write_text
+from ..files import write_json
 from ..hands import HandModel
 from ..nets import EpochRecord, NumpyDecoder, TrainingSpec, VaeSpec
 from ..workers import run_jobs
@@ -49,7 +48,7 @@ class FittedCascade:
     def save(self, folder: Path | str) -> None:
         """Write weights and metadata to `folder` (see `GraspSampler.save`), and the training curves beside them."""
         self.sampler.save(folder)
-        write_text(Path(folder) / TRAINING_FILE, json.dumps(self.curves(), indent=1) + "\n")
+        write_json(Path(folder) / TRAINING_FILE, self.curves())
 
     def curves(self) -> dict[str, Any]:
         """Give the training curves with what they are of: by stage a list for each quantity, one value per epoch."""

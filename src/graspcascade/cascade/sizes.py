@@ -58,10 +58,10 @@ class SizeRule:
         grasp, obj = request.grasp_size_m - request.side_m, request.object_size_m - request.side_m
         rule = cls({}, {}, {})
         cells = request.cells
-        levels = [_levels("/".join(cells.names[place].tolist())) for place in cells.of_row]
+        levels = [_levels("/".join(names)) for names in cells.names.tolist()]
         for level in map(np.array, zip(*levels, strict=True)):
             for key in np.unique(level):
-                rows = level == key
+                rows = (level == key)[cells.of_row]
                 good = next((s for s in (success, held) if (rows & s).sum() >= _MIN_GRASPS), None)
                 if good is None:
                     continue

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..files import write_staged, write_text
+from ..files import write_json, write_staged
 from ..grasps import Grasps
 from ..trials import Outcomes
 from .schema import SCHEMA_VERSION, Columns, from_columns
@@ -73,7 +73,7 @@ def is_intact(path: Path, sha256: str) -> bool:
 
 def write_metadata(folder: Path, metadata: dict[str, Any]) -> None:
     """Write the metadata file atomically."""
-    write_text(folder / METADATA_FILE, json.dumps(metadata, indent=1) + "\n")
+    write_json(folder / METADATA_FILE, metadata)
 
 
 def read_metadata(folder: Path) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FileFormatError
-from ..files import read_json, write_text
+from ..files import read_json, write_json
 from ..intervals import Difference, Interval, newcombe, wilson
 from ..trials import VERDICTS, Protocol
 
@@ -218,7 +217,7 @@ class Evaluation:
 
     def save(self, path: Path | str) -> None:
         """Write the JSON file atomically."""
-        write_text(Path(path), json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
+        write_json(Path(path), self.to_json(), allow_nan=False)
 
     @classmethod
     def load(cls, path: Path | str) -> Evaluation:

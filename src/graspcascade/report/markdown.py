@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ..evaluation.record import Tally
+from ..evaluation.record import Evaluation, Tally
 from ..intervals import Difference, Interval
 
 MISSING = "—"
@@ -43,6 +43,12 @@ def points(difference: Difference) -> str:
 def pair(tally: Tally | None) -> str:
     """Word the rates of held and faithful trials in per cent: ``91.0 / 88.5``."""
     return MISSING if tally is None else f"{percent(tally.held_rate.rate)} / {percent(tally.faithful_rate.rate)}"
+
+
+def pair_rows(found: Evaluation) -> list[list[str]]:
+    """Word the rates of every object and type (see `pair`): a row for each object, headed by its label."""
+    cells = {(cell.object_label, cell.grasp_type): cell for cell in found.cells}
+    return [[label, *(pair(cells.get((label, kind))) for kind in found.by_type)] for label in found.by_object]
 
 
 def over(tally: Tally, base: Tally) -> tuple[str, str]:

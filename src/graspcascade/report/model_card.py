@@ -11,7 +11,7 @@ from ..cascade.sampler import DEFAULT, EVALUATION_FILE, shipped_folder
 from ..evaluation.record import Evaluation, Tally
 from ..files import write_text
 from .blocks import fill_blocks
-from .markdown import pair, percent, plain, rate, table, widest
+from .markdown import pair, pair_rows, percent, plain, rate, table, widest
 from .measurements import spread
 
 _WEAK = 0.9
@@ -66,11 +66,7 @@ def _words(facts: Mapping[str, Any]) -> str:
 
 def _rates(found: Evaluation) -> str:
     total = found.total
-    cells = {(cell.object_label, cell.grasp_type): cell for cell in found.cells}
-    rows = [
-        [label, *(pair(cells.get((label, kind))) for kind in found.by_type), pair(tally)]
-        for label, tally in found.by_object.items()
-    ]
+    rows = [[*row, pair(tally)] for row, tally in zip(pair_rows(found), found.by_object.values(), strict=True)]
     rows.append(["all objects", *map(pair, found.by_type.values()), pair(total)])
     return "\n\n".join(
         [

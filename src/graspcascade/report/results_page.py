@@ -12,7 +12,7 @@ from ..files import write_text
 from ..trials import VERDICTS
 from .entries import Entry, ResultsFolder, read_results
 from .gallery import Gallery
-from .markdown import MISSING, over, pair, percent, plain, rate, table, widest
+from .markdown import MISSING, over, pair_rows, percent, plain, rate, table, widest
 from .measurements import measurement_section, spread
 from .paper_runs import NOTES_FILE
 from .paper_tables import paper_section
@@ -188,10 +188,8 @@ def _breakdown(kind: str, tallies: Mapping[str, Tally]) -> str:
 
 
 def _matrix(found: Evaluation) -> str:
-    cells = {(cell.object_label, cell.grasp_type): cell for cell in found.cells}
-    rows = [[label, *(pair(cells.get((label, kind))) for kind in found.by_type)] for label in found.by_object]
     text = (
         f"Held % / faithful % of each object and type under protocol `{found.protocol.name}`, {found.per_cell} trials "
         f"each; the widest of these 95 % intervals reaches {widest(found.cells)} points to either side of its middle:"
     )
-    return text + "\n\n" + table(("object", *found.by_type), rows)
+    return text + "\n\n" + table(("object", *found.by_type), pair_rows(found))

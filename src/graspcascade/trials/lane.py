@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from threading import Lock
 from typing import Any
 
 import mujoco
@@ -267,9 +268,18 @@ def _shared_addresses(model: Any, larger: Any) -> _Addresses:
     return qpos, dofs, controls
 
 
-@lru_cache(maxsize=128)
+_compiling = Lock()
+
+
 def trial_scene(
     hand: HandDescription, label: str, protocol: Protocol, reduced: bool, without: tuple[str, ...] = ()
 ) -> Scene:
     """Build a scene, or give the one built before from the same arguments."""
+    # Threads start together and need the same scenes: the second waits for what the first compiles.
+    with _compiling:
+        return _scene(hand, label, protocol, reduced, without)
+
+
+@lru_cache(maxsize=128)
+def _scene(hand: HandDescription, label: str, protocol: Protocol, reduced: bool, without: tuple[str, ...]) -> Scene:
     return build_scene(hand, grasp_object(label), protocol, reduced=reduced, without=without)

@@ -15,12 +15,11 @@ from ..errors import InputError
 from ..grasps import Grasps
 from ..hands import SHADOW_HAND, HandDescription, load_hand
 from ..machine import processors
-from ..objects import CATALOGUE
 from ..poses import canonical_quat
 from ..taxonomy import DIGITS
 from .creep import CreepProjection
 from .idle import IDLE_SETS, Idle, IdleFinder, object_moved
-from .lane import Lane, Slots, trial_scene
+from .lane import Lane, Slots
 from .outcomes import Outcomes
 from .protocol import PAPER, Protocol
 
@@ -76,8 +75,6 @@ def run(
     shares = [np.arange(first, len(grasps), n_runners) for first in range(n_runners)]
     report = None if progress is None else _Counter(progress)
     stop = Event()
-    leave_out = reduced and observe is None  # whoever observes wants to see all digits
-    _compile_scenes(grasps, protocol, hand, reduced, leave_out)
 
     def execute(rows: NDArray[np.int64]) -> Outcomes:
         found = Outcomes.blank(len(rows), len(hand.joint_names))
@@ -85,9 +82,7 @@ def run(
             return found
         threads, slots = n_threads if n_runners == 1 else 1, min(-(-n_slots // n_runners), len(rows))
         try:
-            _Runner(grasps[rows], protocol, hand, threads, slots, reduced, leave_out, creep, observe, found).run(
-                report, stop
-            )
+            _Runner(grasps[rows], protocol, hand, threads, slots, reduced, creep, observe, found).run(report, stop)
         except BaseException:
             stop.set()
             raise
@@ -100,13 +95,6 @@ def run(
             # An interrupt ends the runners at their next look.
             stop.set()
     return Outcomes.concatenate(parts)[np.argsort(np.concatenate(shares))]
-
-
-def _compile_scenes(grasps: Grasps, protocol: Protocol, hand: HandDescription, reduced: bool, leave_out: bool) -> None:
-    """Build all scenes before threads ask for the same ones at the same time."""
-    for label in {*grasps.object_label.tolist(), next(iter(CATALOGUE))}:
-        for without in [(), *(IDLE_SETS if leave_out else ())]:
-            trial_scene(hand, label, protocol, reduced, without)
 
 
 def _check_joints(grasps: Grasps, hand: HandDescription) -> None:
@@ -144,7 +132,6 @@ class _Runner:
         n_threads: int,
         n_slots: int,
         reduced: bool,
-        leave_out: bool,
         creep: CreepProjection | None,
         observe: Observer | None,
         outcomes: Outcomes,
@@ -170,6 +157,8 @@ class _Runner:
             )
 
         self.whole = lane()
+        # Whoever observes wants to see all digits.
+        leave_out = reduced and observe is None
         self.without = [lane(*digits) for digits in IDLE_SETS] if leave_out else []
         self.finders = {x: IdleFinder(scene, hand) for x, scene in self.whole.scenes.items()} if leave_out else {}
         self.idle: dict[int, tuple[Idle, NDArray[np.float64]]] = {}
