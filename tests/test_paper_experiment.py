@@ -55,18 +55,36 @@ def test_every_model_of_the_paper_is_run_and_trained_alike(modules: tuple[Any, A
         assert run.seed == (0 if run.trained is None else run.trained.training.training.seed)
 
 
-def test_an_experiment_changes_model3_in_one_respect(modules: tuple[Any, Any]) -> None:
-    usual = next(run for run in modules[0].paper_runs() if run.name == "model3_seed0")
-    runs = modules[0].experiments()
-    assert len({run.name for run in runs}) == len(runs)
-    for run in runs:
-        changes = [
+def changes(run: Any, usual: Any) -> int:
+    return sum(
+        (
             run.size_mode != usual.size_mode,
             run.trained.factorization != usual.trained.factorization,
             run.trained.training != usual.trained.training,
             run.trained.trials_per_cell is not None,
-        ]
-        assert sum(changes) == 1, run.name
+        )
+    )
+
+
+def test_an_experiment_changes_one_of_the_papers_models_in_one_respect(modules: tuple[Any, Any]) -> None:
+    usual = {run.name: run for run in modules[0].paper_runs()}
+    runs = modules[0].experiments()
+    assert len({run.name for run in runs}) == len(runs)
+    for run in runs:
+        base = "model1" if run.name.endswith("_model1") else "model3"
+        assert run.model in {base, f"{base}_opposition_frame"}
+        assert run.per_cell == 100
+        found = changes(run, usual[f"{base}_seed0"])
+        assert found == (2 if run.name.startswith(modules[0].AS_PRINTED) else 1), run.name
+
+
+def test_what_is_changed_of_model1_is_changed_of_model3_too(modules: tuple[Any, Any]) -> None:
+    runs = {run.name: run for run in modules[0].experiments()}
+    pairs = [(run, runs[name.removesuffix("_model1")]) for name, run in runs.items() if name.endswith("_model1")]
+    assert pairs
+    for one, three in pairs:
+        assert (one.size_mode, one.trained.trials_per_cell) == (three.size_mode, three.trained.trials_per_cell)
+        assert one.trained.training == three.trained.training
 
 
 def test_a_model_is_trained_once_and_refused_for_other_settings_or_data(

@@ -289,7 +289,7 @@ def test_a_training_seed_alone_is_no_difference() -> None:
     deep = {"networks": {"posture": {"latent_dim": 10}, "rotation": {"latent_dim": 4}}, "weights": "a"}
     flat = {"networks": {"grasp": {"latent_dim": 14}, "posture": {"latent_dim": 12}}, "weights": "b"}
     full, other = (replace(one, model_metadata=metadata) for metadata in (deep, flat))
-    assert metadata_differences(other, full) == "networks.posture.latent_dim 12 (`model3`: 10)"
+    assert metadata_differences(other, full) == "networks.posture.latent_dim 12 (`model1`: 10)"
 
 
 def test_the_experiment_stands_in_for_evaluations_without_a_file_of_their_own(results: Path) -> None:
@@ -313,7 +313,7 @@ def test_the_experiment_stands_in_for_evaluations_without_a_file_of_their_own(re
     assert row(conditions, "heuristic", "`slippery`")[-2:] == ["—", "—"]
 
 
-def test_experiments_are_compared_with_model3_under_the_same_conditions_only(results: Path) -> None:
+def test_experiments_are_compared_with_their_model_under_the_same_conditions_only(results: Path) -> None:
     folder = results / "paper" / "experiments"
     better = trained("model3", 0, 0.97, 11)
     better.save(folder / "wider_networks.json")
@@ -332,6 +332,25 @@ def test_experiments_are_compared_with_model3_under_the_same_conditions_only(res
     ]
     assert row(here, "slippery")[3] == "`slippery`"
     assert row(here, "slippery")[7:] == ["—", "—"]
+    assert "compared with |" not in here
+
+
+def test_experiments_with_another_model_stand_beside_the_full_models(results: Path) -> None:
+    folder = results / "paper" / "experiments"
+    three, one = trained("model3", 0, 0.8, 11), trained("model1", 0, 0.5, 12)
+    three.save(folder / "small.json")
+    one.save(folder / "small_model1.json")
+    trained("model1", 0, 0.6, 13).save(folder / "large_model1.json")
+    here = section(page(results), "Experiments")
+    runs = read_paper_runs(results / "paper")
+    assert runs is not None
+    bases = {name: runs.runs[name].by_seed[0].total for name in ("model1", "model3")}
+    single, paired = here.split("What the division")
+    assert row(single, "small model1", "`model1`")[7] == points(one.total.held_over(bases["model1"]))
+    assert row(single, "small", "`model3`")[7] == points(three.total.held_over(bases["model3"]))
+    assert row(paired, "small", "`model1`")[4] == points(three.total.held_over(one.total))
+    assert row(paired, "as above", "`model1`")[4] == points(bases["model3"].held_over(bases["model1"]))
+    assert "large" not in paired
 
 
 def test_notes_on_the_orderings_are_taken_over(results: Path) -> None:

@@ -74,6 +74,29 @@ class PaperRuns:
         """Tell whether an experiment was evaluated under the conditions of the paper's models."""
         return found.conditions == self.conditions
 
+    def base_of(self, experiment: Evaluation) -> Evaluation | None:
+        """Give the model an experiment made something of: of its name or else the full model, None if not yet run.
+
+        Of several training seeds it is the experiment's own, which also asks for the same grasps.
+        """
+        runs = self.runs.get(experiment.model) or self.runs.get(FULL_MODEL)
+        return None if runs is None else runs.by_seed.get(training_seed(experiment), runs.pooled)
+
+    @property
+    def by_setting(self) -> dict[str, dict[str, Evaluation]]:
+        """Give, by setting and model, the comparable experiments that were made with the full model and with others.
+
+        Those with another than the full model are labelled with the setting and the model. The first setting is the
+        usual one, with the same training seeds; there is none without experiments.
+        """
+        found: dict[str, dict[str, Evaluation]] = {}
+        for label, one in self.experiments.items():
+            if self.comparable(one):
+                found.setdefault(label.removesuffix(f" {one.model}"), {})[one.model] = one
+        found = {name: models for name, models in found.items() if FULL_MODEL in models and len(models) > 1}
+        usual = {one.model: base for models in found.values() for one in models.values() if (base := self.base_of(one))}
+        return {"as above": usual, **found} if FULL_MODEL in usual and len(usual) > 1 else {}
+
 
 def read_paper_runs(folder: Path | str) -> PaperRuns | None:
     """Read the folder of the experiment.
@@ -128,7 +151,7 @@ def metadata_differences(found: Evaluation, base: Evaluation) -> str:
     # Another division into stages has other networks; only those of the same name can differ in their settings.
     keys = [key for key in keys if not key.startswith(_NETWORKS) or (key in ours and key in theirs)]
     return "; ".join(
-        f"{key} {plain(ours.get(key))} (`{FULL_MODEL}`: {plain(theirs.get(key))})"
+        f"{key} {plain(ours.get(key))} (`{base.model}`: {plain(theirs.get(key))})"
         for key in keys
         if ours.get(key) != theirs.get(key)
     )

@@ -14,7 +14,7 @@ from ..trials import VERDICTS
 from .gallery import POSE_FRAMES, TRAINING_CURVES, Gallery, pooled_heat_map_name
 from .markdown import MISSING, over, pair, percent, plain, points, rate, table, widest
 from .measurements import spread
-from .paper_runs import PaperRuns, Runs, metadata_differences, retraining_margin, training_seed
+from .paper_runs import PaperRuns, Runs, metadata_differences, retraining_margin
 from .published import (
     FULL_MODEL,
     MAIN_MODELS,
@@ -308,28 +308,54 @@ def _curve_section(found: PaperRuns, gallery: Gallery) -> list[str]:
 
 
 def _experiment_section(found: PaperRuns) -> list[str]:
-    full = found.runs.get(FULL_MODEL)
     rows = []
     for label, one in found.experiments.items():
-        # The same training seed also asks for the same grasps, so that only the setting differs.
-        base = None if full is None else full.by_seed.get(training_seed(one), full.pooled)
-        comparable = base is not None and found.comparable(one)
+        base = found.base_of(one)
         rows.append(
             [
                 label,
-                f"`{one.model}`",
+                MISSING if base is None else f"`{base.model}`",
                 MISSING if base is None else metadata_differences(one, base) or MISSING,
                 f"`{one.protocol.name}`",
                 *_rates(one),
-                *(over(one.total, base.total) if base is not None and comparable else (MISSING, MISSING)),
+                *(over(one.total, base.total) if base is not None and found.comparable(one) else (MISSING, MISSING)),
             ]
         )
     header = (
-        "experiment", "model", "settings that differ", "protocol", "trials", "held", "faithful",
-        f"held, points over `{FULL_MODEL}`", f"faithful, points over `{FULL_MODEL}`",
+        "experiment", "with another", "settings that differ", "protocol", "trials", "held", "faithful",
+        "held, points over it", "faithful, points over it",
     )  # fmt: skip
     text = (
-        f"Differences are to `{FULL_MODEL}` of the same training seed, where hand, cells and protocol are the same. "
-        "One training each: what retraining does by itself is told above."
+        "Models with other settings than those above, each compared with the model it is made of, of the same training "
+        "seed, where hand, cells and protocol are the same. One training each: what retraining does by itself is told "
+        "above."
     )
-    return ["### Experiments", text, table(header, rows, text_columns=4)]
+    return ["### Experiments", text, table(header, rows, text_columns=4), *_paired_experiments(found)]
+
+
+def _paired_experiments(found: PaperRuns) -> list[str]:
+    """Compare the full model with others that had the same done to them."""
+    rows = []
+    for setting, models in found.by_setting.items():
+        full = models[FULL_MODEL].total
+        for name, one in models.items():
+            if name != FULL_MODEL:
+                rows.append(
+                    [
+                        setting,
+                        f"`{name}`",
+                        *(f"{rate(tally.held_rate)} of {tally.n}" for tally in (full, one.total)),
+                        *over(full, one.total),
+                    ]
+                )
+    if not rows:
+        return []
+    header = (
+        "setting", "compared with", f"`{FULL_MODEL}`, held", "the other, held",
+        f"`{FULL_MODEL}` above it, held, points", "faithful, points",
+    )  # fmt: skip
+    text = (
+        f"What the division into stages brings under a setting, which both models share: `{FULL_MODEL}` beside others "
+        "of the same training seed."
+    )
+    return [text, table(header, rows, text_columns=2)]
