@@ -33,7 +33,7 @@ class Arguments:
 
 
 def command(asked: dict[str, Any]) -> str:
-    """Word the command that collects the same rows."""
+    """Word the command that collects so much."""
     usual = CollectionSpec()
     flags = [
         f"--{field.name.replace('_', '-')} {asked[field.name]}"
@@ -41,6 +41,11 @@ def command(asked: dict[str, Any]) -> str:
         if asked[field.name] != getattr(usual, field.name) or field.name == "seed"
     ]
     return " ".join(["graspcascade collect --out data", *flags])
+
+
+def commands(about: dict[str, Any]) -> str:
+    """Word what was asked, one after another; more may have been asked of a collection later."""
+    return ", then ".join(command(asked["collection"]) for asked in [*about.get("asked_before", []), about])
 
 
 def cell_card(cell: dict[str, Any]) -> dict[str, Any]:
@@ -71,7 +76,7 @@ def main(arguments: Arguments) -> None:
         "description": "Screened heuristic candidates under the paper protocol: candidates whose opposing places stay "
         "farther apart than the side is wide are skipped and counted, so these rates are not the heuristic's own. A "
         "cell of object and type that hardly ever holds is given up after the most trials named in the command.",
-        "command": command(about["collection"]),
+        "command": commands(about),
         "protocol": about["protocol"]["name"],
         "seed": about["seed"],
         "prior": about["prior"],

@@ -476,6 +476,25 @@ def test_collect_says_once_which_shards_it_collects_again(
     assert said.err == f"graspcascade collect: {again}\n"
 
 
+def test_collect_names_what_hardly_ever_holds_once_unless_it_will_be_given_up(
+    call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    held = np.full(54, 900)
+    held[4] = 12
+
+    def endless(*_: object, progress: Callable[[CollectionState], None], **__: object) -> CollectionState:
+        for rounds in (5, 6):
+            progress(CollectionState(rounds, np.full(54, 200 * rounds), held, held))
+        return CollectionState(6, np.full(54, 1200), held, held)
+
+    monkeypatch.setattr("graspcascade.cli.collect.collect", endless)
+    asked = ["collect", "--out", tmp_path / "data", "--successes-per-cell", 1000]
+    name = "box_small/lateral_tripod"
+    said = f"graspcascade collect: {name} hardly ever holds; --most-trials-per-cell gives such cells up\n"
+    assert call(*asked).err == said
+    assert call(*asked, "--most-trials-per-cell", 5000).err == ""
+
+
 def test_collect_leaves_a_foreign_folder_alone(call: Call, tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     assert_refused(call("collect", "--out", tmp_path), "holds no collection")

@@ -18,6 +18,7 @@ import pytest
 import graspcascade.dataset.collect  # noqa: F401  the module, which the package hides behind the function
 from graspcascade.candidates import cannot_touch
 from graspcascade.dataset import SCHEMA_VERSION, CollectionSpec, collect, load_dataset
+from graspcascade.dataset.collect import CollectionState
 from graspcascade.errors import FileFormatError, InputError
 from graspcascade.files import LOCK_FILE, sole_writer
 from graspcascade.grasps import Grasps
@@ -348,6 +349,23 @@ def test_more_may_be_asked_of_a_collection(
     assert state.rounds == 3
     assert (copy / SHARDS[0]).read_bytes() == (collection / SHARDS[0]).read_bytes()
     assert len(load_dataset(copy).grasps) == 36
+    before, now = metadata_of(collection), metadata_of(copy)
+    assert "asked_before" not in before
+    assert now["asked_before"] == [{"rounds": 2, "collection": before["collection"]}]
+    collect(hand, prior, replace(SPEC, trials_per_cell=7), copy, protocol=short)
+    assert metadata_of(copy) == now
+
+
+def test_what_holds_too_rarely_is_told_while_it_is_waited_for() -> None:
+    trials, held = np.full(54, 1000), np.full(54, 49)
+    held[:3] = 50, 60, 1000
+    spec = CollectionSpec(trials_per_cell=0, successes_per_cell=60)
+    rare = CollectionState(5, trials, held, held).rare
+    assert rare(spec).tolist() == list(range(3, 54))
+    assert not rare(replace(spec, successes_per_cell=49)).size
+    assert not rare(replace(spec, most_trials_per_cell=1000)).size
+    assert not rare(replace(spec, trials_per_cell=2000, successes_per_cell=0)).size
+    assert not CollectionState(4, trials - 1, held, held).rare(spec).size
 
 
 def test_only_unfinished_cells_are_drawn(hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path) -> None:

@@ -42,14 +42,20 @@ class Collect:
         at_least("seed", self.spec.seed, 0)
         at_least("threads", self.threads, 0)
         prior = PosturePrior.pretrained() if self.prior is None else PosturePrior.load(self.prior)
-        lost: list[str] = []
+        told: set[str] = set()
+
+        def tell(words: str) -> None:
+            if words not in told:
+                told.add(words)
+                print(f"graspcascade collect: {words}", file=sys.stderr)
+
         with bar(self._goal[0], self._target) as progress:
 
             def report(state: CollectionState) -> None:
-                if state.lost and not lost:
-                    lost.extend(state.lost)
-                    said = f"missing or changed shards are collected again: {', '.join(lost)}"
-                    print(f"graspcascade collect: {said}", file=sys.stderr)
+                if state.lost and not told:
+                    tell(f"missing or changed shards are collected again: {', '.join(state.lost)}")
+                for cell in () if self.spec.most_trials_per_cell else state.rare(self.spec):
+                    tell(f"{_name(cell)} hardly ever holds; --most-trials-per-cell gives such cells up")
                 progress.show(self._done(state), note=f"held {_rate(state)}")
 
             state = collect(
@@ -72,7 +78,7 @@ class Collect:
                 f"{self.out}: {trials} screened trials under protocol paper, {held} held ({_rate(state)}), "
                 f"{faithful} type-faithful"
             )
-            given_up = [f"{CELLS[cell][0]}/{CELLS[cell][1]}" for cell in state.short(self.spec)]
+            given_up = [_name(cell) for cell in state.short(self.spec)]
             if given_up:
                 print(f"given up after {self.spec.most_trials_per_cell} trials: {', '.join(given_up)}")
 
@@ -89,6 +95,10 @@ class Collect:
     def _done(self, state: CollectionState) -> int:
         what, per_cell = self._goal
         return int(np.minimum(getattr(state, what), per_cell).sum())
+
+
+def _name(cell: int) -> str:
+    return "/".join(CELLS[cell])
 
 
 def _rate(state: CollectionState) -> str:

@@ -38,6 +38,8 @@ CELLS: tuple[tuple[str, str], ...] = tuple((label, name) for label in CATALOGUE 
 """Every (object label, grasp type), the unit that collection fills evenly."""
 MOST_DRAWS_PER_TRIAL = 1000
 """Candidates drawn of a cell for each trial of a round before it is called hopeless; the shipped prior needs three."""
+RARE_RATE, RARE_AFTER_TRIALS = 0.05, 1000
+"""An object and type of which less than this share holds, after so many trials, is hardly worth waiting for."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,13 @@ class CollectionState:
     def short(self, spec: CollectionSpec) -> NDArray[np.int64]:
         """Give the indices in `CELLS` of those that lack trials or successes."""
         return np.flatnonzero((self.trials < spec.trials_per_cell) | (self.held < spec.successes_per_cell))
+
+    def rare(self, spec: CollectionSpec) -> NDArray[np.int64]:
+        """Give the indices in `CELLS` of unfinished ones that hold too rarely to be waited for (see `RARE_RATE`)."""
+        cells = self.unfinished(spec)
+        trials, held = self.trials[cells], self.held[cells]
+        rare = (held < spec.successes_per_cell) & (trials >= RARE_AFTER_TRIALS) & (held < RARE_RATE * trials)
+        return cells[rare]
 
     def unfinished(self, spec: CollectionSpec) -> NDArray[np.int64]:
         """Give the indices in `CELLS` of those that still get trials: short of something, and not given up."""
@@ -228,6 +237,9 @@ def _open(
         found = read_metadata(folder)
         refuse_other_arguments(folder, "a collection", found, identity)
         # More may be asked of a finished collection: rows so far stay what they are.
+        if found["collection"] != asdict(spec):
+            before = {"rounds": len(found["shards"]), "collection": found["collection"]}
+            found["asked_before"] = [*found.get("asked_before", []), before]
         return found | {"collection": asdict(spec)}
     if not holds_nothing(folder):
         raise InputError(f"{folder} is not empty and holds no collection; give an empty or new folder")
