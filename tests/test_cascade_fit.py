@@ -96,6 +96,19 @@ def test_the_longest_stage_is_begun_first(
     assert list(fitted.history) == [stage.name for stage in FACTORIZATIONS[name].stages]
 
 
+def test_a_positions_weight_is_that_of_its_head_and_of_no_other(
+    hand: HandModel, dataset: Dataset, alone: tuple[FittedCascade, Told]
+) -> None:
+    light = dataclasses.replace(TINY, position_weight=0.5)
+    fitted = fit_cascade(hand, dataset, MODEL3, light, workers=1).sampler
+    heads = {name: [head.weight for head in decoder.spec.heads] for name, decoder in fitted.decoders.items()}
+    assert heads == {"posture": [4.0], "position": [0.5], "rotation": [1.0]}
+    for name, decoder in alone[0].sampler.decoders.items():
+        other = fitted.decoders[name].arrays()
+        same = [np.array_equal(array, other[key]) for key, array in decoder.arrays().items()]
+        assert all(same) == (name != "position")
+
+
 def test_a_negative_number_of_workers_is_refused(hand: HandModel, dataset: Dataset) -> None:
     with pytest.raises(InputError, match="workers"):
         fit_cascade(hand, dataset, MODEL3, TINY, workers=-1)

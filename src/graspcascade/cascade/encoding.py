@@ -18,7 +18,6 @@ from .stages import Quantity, Stage, Target
 Array = NDArray[np.float64]
 _TYPES, _OBJECTS = list(GRASP_TYPES), list(CATALOGUE)
 _POSTURE_HEAD_WEIGHT = 4.0
-_POSITION_HEAD_WEIGHT = 4.0
 
 
 @dataclass(frozen=True)
@@ -141,11 +140,11 @@ def condition(stage: Stage, quantities: Mapping[Quantity, Array], shared: Collec
     )
 
 
-def vae_spec(stage: Stage, n_joints: int, condition_dim: int) -> VaeSpec:
-    """Describe a stage's network."""
+def vae_spec(stage: Stage, n_joints: int, condition_dim: int, position_weight: float) -> VaeSpec:
+    """Describe a stage's network; for the weight see `CascadeTraining.position_weight`."""
     heads = {
         "posture": HeadSpec("gaussian", n_joints, _POSTURE_HEAD_WEIGHT),
-        "position": HeadSpec("gaussian", 3, _POSITION_HEAD_WEIGHT),
+        "position": HeadSpec("gaussian", 3, position_weight),
         "rotation": HeadSpec(stage.rotation_head, 4),
     }
     return VaeSpec(

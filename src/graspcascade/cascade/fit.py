@@ -134,7 +134,7 @@ class StageJob:
         has_posture = stage.targets[0] == "posture"
         return cls(
             stage.name,
-            vae_spec(stage, material.targets["posture"].shape[1], condition.shape[1]),
+            vae_spec(stage, material.targets["posture"].shape[1], condition.shape[1], config.position_weight),
             replace(config.training, metric_weight=1.0 / config.fingertip_error_m**2 if has_posture else 0.0),
             target,
             condition,

@@ -41,6 +41,8 @@ class CascadeTraining:
     """Replace rotations by their images under the object's symmetry that lie nearest to one reference."""
     fingertip_error_m: float = 0.002
     """Error of the contact places that counts as much as one standard deviation of a joint angle."""
+    position_weight: float = 4.0
+    """Weight of the squared error of the object's position, in standard deviations; joint angles have 4."""
     training: TrainingSpec = field(
         default_factory=lambda: TrainingSpec(epochs=80, max_steps=10_000, batch_size=512, learning_rate=4e-3)
     )
