@@ -14,10 +14,11 @@ from typing import Any
 import tyro
 
 from graspcascade.dataset import CollectionSpec
-from graspcascade.dataset.shards import read_metadata
+from graspcascade.dataset.shards import read_metadata, shards_digest
 from graspcascade.evaluation import wilson
 from graspcascade.files import write_json
 from graspcascade.machine import cpu_model, processors
+from graspcascade.postures import PosturePrior
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Arguments:
     """Heading of the card."""
 
 
-def command(asked: dict[str, Any]) -> str:
+def command(asked: dict[str, Any], about: dict[str, Any]) -> str:
     """Word the command that collects so much."""
     usual = CollectionSpec()
     flags = [
@@ -40,12 +41,27 @@ def command(asked: dict[str, Any]) -> str:
         for field in fields(CollectionSpec)
         if asked[field.name] != getattr(usual, field.name) or field.name == "seed"
     ]
+    if about["prior"] != PosturePrior.pretrained().fingerprint():
+        flags.insert(0, "--prior prior.safetensors")
+    if about["creep_projection"] is None:
+        flags.append("--full")
     return " ".join(["graspcascade collect --out data", *flags])
 
 
 def commands(about: dict[str, Any]) -> str:
     """Word what was asked, one after another; more may have been asked of a collection later."""
-    return ", then ".join(command(asked["collection"]) for asked in [*about.get("asked_before", []), about])
+    asked = [before["collection"] for before in about.get("asked_before", [])] + [about["collection"]]
+    return ", then ".join(command(each, about) for each in asked)
+
+
+def given_up(about: dict[str, Any]) -> list[str]:
+    """Name the objects and types that lack grasps."""
+    asked = about["collection"]
+    return [
+        f"{cell['object']}/{cell['grasp_type']}"
+        for cell in about["counts"]["cells"]
+        if cell["held"] < asked["successes_per_cell"] or cell["trials"] < asked["trials_per_cell"]
+    ]
 
 
 def cell_card(cell: dict[str, Any]) -> dict[str, Any]:
@@ -71,23 +87,29 @@ def main(arguments: Arguments) -> None:
     """Read the metadata and write the card."""
     about = read_metadata(arguments.data)
     counts = about["counts"]
+    executed = "abridged along the slow creep under weight" if about["creep_projection"] else "every step computed"
     card = {
         "title": arguments.title,
-        "description": "Screened heuristic candidates under the paper protocol: candidates whose opposing places stay "
-        "farther apart than the side is wide are skipped and counted, so these rates are not the heuristic's own. A "
-        "cell of object and type that hardly ever holds is given up after the most trials named in the command.",
+        "description": f"Screened heuristic candidates under the paper protocol, {executed}: candidates whose opposing "
+        "places stay farther apart than the side is wide are skipped and counted, so these rates are not the "
+        "heuristic's own. A cell of object and type that hardly ever holds is given up after the most trials named in "
+        "the command.",
         "command": commands(about),
         "protocol": about["protocol"]["name"],
+        "hand": about["hand"],
         "seed": about["seed"],
         "prior": about["prior"],
         "trials": counts["trials"],
         "held": counts["held"],
         "faithful": counts["faithful"],
         "screened_out": counts["screened_out"],
+        "given_up": given_up(about),
         "took": effort(about),
+        "digest of the shards": shards_digest(about),
+        "versions": about["versions"],
         "cells": [cell_card(cell) for cell in counts["cells"]],
         "shards": [{key: shard[key] for key in ("file", "rows", "sha256")} for shard in about["shards"]],
-        "versions": about["versions"],
+        "file_only": ["shards"],
     }
     write_json(arguments.out, card)
 

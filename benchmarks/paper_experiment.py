@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tyro
@@ -84,7 +85,8 @@ class Experiment:
         sampler = GraspSampler.load(folder)
         if trained_with(sampler) != wanted.training or sampler.factorization != wanted.factorization:
             raise InputError(f"{folder} was trained with other settings; remove it to train again")
-        if sampler.metadata["dataset"]["shards"] != shards_digest(read_metadata(self._arguments.data)):
+        about, learned = read_metadata(self._arguments.data), sampler.metadata["dataset"]
+        if (learned["shards"], learned["trials"]) != (shards_digest(about), trials_used(about, wanted.trials_per_cell)):
             raise InputError(f"{folder} was trained on another dataset than {self._arguments.data}; remove it")
         return sampler
 
@@ -129,6 +131,12 @@ def trained_with(sampler: GraspSampler) -> CascadeTraining:
     """Rebuild the settings a model was trained with."""
     config = sampler.metadata["config"]
     return CascadeTraining(**config | {"training": TrainingSpec(**config["training"])})
+
+
+def trials_used(about: dict[str, Any], per_cell: int | None) -> int:
+    """Count the trials of a dataset, or the first of each object and type (see `first_trials`), by its metadata."""
+    trials = [cell["trials"] for cell in about["counts"]["cells"]]
+    return sum(trials if per_cell is None else (min(count, per_cell) for count in trials))
 
 
 def first_trials(dataset: Dataset, per_cell: int) -> Dataset:

@@ -38,6 +38,8 @@ def conditions() -> dict[str, tuple[Protocol, HandDescription]]:
         SHADOW_HAND, name="shadow_hand_right, thumb flat beside the palm before closing", pregrasp_rad={}
     )
     changed = {
+        # What the others are compared with: the same grasps.
+        "same_grasps": PAPER,
         "friction_0.6": replace(PAPER, friction=0.6),
         "friction_1.0": replace(PAPER, friction=1.0),
         "double_density": replace(PAPER, density_factor=2.0),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from graspcascade.cascade import GraspSampler
 from graspcascade.cascade.sizes import PAPER_GRASP_OFFSET_M, PAPER_OBJECT_OFFSET_M
 from graspcascade.dataset import load_dataset
+from graspcascade.dataset.shards import shards_digest
 from graspcascade.files import write_json
 from graspcascade.taxonomy import GRASP_TYPES
 
@@ -70,6 +71,8 @@ def main(arguments: Arguments) -> None:
         "constants to the side. Here successes differ from the side by what the table says. Used are the offsets "
         "where trials held most often and type-faithfully, one for each type, object and side (the table gives their "
         "range), and the median of the object sizes there. The experiments compare this with the paper's constants.",
+        "weights": sampler.fingerprint(),
+        "shards": shards_digest(data.metadata),
         "paper": {
             "grasp size minus side mm": 1000.0 * PAPER_GRASP_OFFSET_M,
             "object size minus side mm": 1000.0 * PAPER_OBJECT_OFFSET_M,

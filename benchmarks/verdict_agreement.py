@@ -68,7 +68,7 @@ def main(arguments: Arguments) -> None:
     sampler = model_source(shipped)
     sources: dict[str, Callable[[], Grasps]] = {
         "heuristic, screened": lambda: collection_grasps(hand, prior, n, seed),
-        "model3": lambda: evaluation_grasps(sampler, n, seed),
+        shipped.name: lambda: evaluation_grasps(sampler, n, seed),
     }
     rows = []
     for name, draw in sources.items():

@@ -372,6 +372,10 @@ def test_an_evaluation_of_other_weights_is_refused(fitted: FittedCascade, tmp_pa
     (tmp_path / "evaluation.json").write_text(json.dumps(own | {"model_metadata": {"weights": "0123456789abcdef"}}))
     with pytest.raises(FileFormatError, match="weights 0123456789abcdef"):
         GraspSampler.load(tmp_path)
+    drawn = dataclasses.replace(sampler, size_mode="drawn").describe()
+    (tmp_path / "evaluation.json").write_text(json.dumps(own | {"model_metadata": drawn}))
+    with pytest.raises(FileFormatError, match="sizes 'drawn'"):
+        GraspSampler.load(tmp_path)
 
 
 def test_the_best_offset_ignores_lucky_windows_and_stands_in_the_middle() -> None:

@@ -114,6 +114,12 @@ def test_a_negative_number_of_workers_is_refused(hand: HandModel, dataset: Datas
         fit_cascade(hand, dataset, MODEL3, TINY, workers=-1)
 
 
+def test_a_dataset_of_another_model_of_the_hand_is_refused(hand: HandModel, dataset: Dataset) -> None:
+    other = Dataset(dataset.grasps, dataset.outcomes, dataset.metadata | {"hand_fingerprint": "0123"})
+    with pytest.raises(InputError, match="another model of the hand"):
+        fit_cascade(hand, other, MODEL3, TINY)
+
+
 def test_errors_of_a_stage_arrive_as_they_are(hand: HandModel, dataset: Dataset) -> None:
     wild = dataclasses.replace(TINY.training, learning_rate=1e30)
     with pytest.raises(FloatingPointError, match="lower the learning rate"):

@@ -2,22 +2,29 @@
 
 import importlib.util
 import json
+import shutil
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 
-from graspcascade.cascade import FACTORIZATIONS, GraspSampler
-from graspcascade.cascade.fit import TRAINING_FILE
-from graspcascade.cascade.material import CascadeTraining
-from graspcascade.cascade.sampler import shipped_folder
+import graspcascade.dataset.collect  # noqa: F401  the module, which the package hides behind the function
+from graspcascade.cascade import FACTORIZATIONS, CascadeTraining, GraspSampler
+from graspcascade.dataset import CollectionSpec, collect, load_dataset
+from graspcascade.dataset.shards import read_metadata
 from graspcascade.errors import InputError
 from graspcascade.evaluation import HEURISTIC
+from graspcascade.grasps import Grasps
+from graspcascade.hands import HandModel
+from graspcascade.nets import TrainingSpec
+from graspcascade.postures import PosturePrior
 from graspcascade.report.published import PAPER_MODELS
+from graspcascade.trials import Outcomes
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 
@@ -75,7 +82,7 @@ def test_an_experiment_changes_one_of_the_papers_models_in_one_respect(modules: 
         assert run.model in {base, f"{base}_opposition_frame"}
         assert run.per_cell == 100
         found = changes(run, usual[f"{base}_seed0"])
-        assert found == (2 if run.name.startswith(modules[0].AS_PRINTED) else 1), run.name
+        assert found == (2 if run.name.startswith(modules[0].PLAIN) else 1), run.name
 
 
 def test_what_is_changed_of_model1_is_changed_of_model3_too(modules: tuple[Any, Any]) -> None:
@@ -87,36 +94,111 @@ def test_what_is_changed_of_model1_is_changed_of_model3_too(modules: tuple[Any, 
         assert one.trained.training == three.trained.training
 
 
+SPEC = CollectionSpec(trials_per_cell=3, round_per_cell=3, seed=2)
+TINY = CascadeTraining(training=TrainingSpec(epochs=1, batch_size=64))
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory, hand: HandModel, prior: PosturePrior) -> Path:
+    """Collect candidates that are said to have held."""
+
+    def all_held(grasps: Grasps, *_: object, **__: object) -> Outcomes:
+        blank = Outcomes.blank(len(grasps), len(hand.joint_names))
+        return replace(
+            blank,
+            verdict=np.full(len(grasps), "held"),
+            touching_end=np.ones_like(blank.touching_end),
+            object_size_m=grasps.side_m + 0.012,
+        )
+
+    folder = tmp_path_factory.mktemp("experiment") / "data"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys.modules["graspcascade.dataset.collect"], "run", all_held)
+        collect(hand, prior, SPEC, folder)
+    return folder
+
+
 def test_a_model_is_trained_once_and_refused_for_other_settings_or_data(
-    modules: tuple[Any, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    modules: tuple[Any, Any], data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settings, script = modules
-    data = tmp_path / "data"
-    data.mkdir()
-    (data / "metadata.json").write_text(json.dumps({"shards": [{"sha256": "a"}]}))
-    fitted = []
-
-    def fit(self: Any, wanted: Any, folder: Path) -> None:
-        fitted.append(wanted.name)
-        shipped = GraspSampler.load(shipped_folder())
-        about = {"config": asdict(wanted.training), "dataset": {"shards": script.shards_digest(metadata())}}
-        replace(shipped, factorization=wanted.factorization, metadata=about).save(folder)
-        (folder / TRAINING_FILE).write_text("{}")
-
-    def metadata() -> Any:
-        return json.loads((data / "metadata.json").read_text())
-
-    monkeypatch.setattr(script.Experiment, "_fit", fit)
-    monkeypatch.setattr(script, "read_metadata", lambda _: metadata())
     arguments = script.Arguments(data=data, out=tmp_path / "runs", results=tmp_path / "results", train_only=True)
-    run = next(run for run in settings.paper_runs() if run.name == "model3_seed0")
-    script.Experiment(arguments).make(run)
-    script.Experiment(arguments).make(run)
-    assert fitted == ["model3_seed0"]
-    assert (tmp_path / "results" / "training" / "model3_seed0.json").is_file()
-    longer = replace(run.trained, training=CascadeTraining(fingertip_error_m=0.001))
+    wanted = settings.Trained("small", FACTORIZATIONS["model3"], TINY)
+
+    def make(trained: Any, **changes: Any) -> None:
+        script.Experiment(replace(arguments, **changes)).make(settings.Run(trained.name, trained))
+
+    make(wanted)
+    weights = (tmp_path / "runs/models/small/cascade.safetensors").read_bytes()
+    curves = json.loads((tmp_path / "results/training/small.json").read_text())
+    assert curves["learned_from"] == 54 * SPEC.trials_per_cell
+    monkeypatch.setattr(script, "fit_cascade", None)  # training again would fail
+    make(wanted)
+    assert (tmp_path / "runs/models/small/cascade.safetensors").read_bytes() == weights
     with pytest.raises(InputError, match="other settings"):
-        script.Experiment(arguments).make(replace(run, trained=longer))
-    (data / "metadata.json").write_text(json.dumps({"shards": [{"sha256": "b"}]}))
+        make(replace(wanted, training=replace(TINY, fingertip_error_m=0.001)))
+    with pytest.raises(InputError, match="other settings"):
+        make(replace(wanted, factorization=FACTORIZATIONS["variant4"]))
     with pytest.raises(InputError, match="another dataset"):
-        script.Experiment(arguments).make(run)
+        make(replace(wanted, trials_per_cell=2))
+    shutil.copytree(data, tmp_path / "other")
+    about = json.loads((tmp_path / "other/metadata.json").read_text())
+    about["shards"][0]["sha256"] = "b"
+    (tmp_path / "other/metadata.json").write_text(json.dumps(about))
+    with pytest.raises(InputError, match="another dataset"):
+        make(wanted, data=tmp_path / "other")
+
+
+def test_a_model_may_learn_from_the_first_trials_of_each_cell(
+    modules: tuple[Any, Any], data: Path, tmp_path: Path
+) -> None:
+    settings, script = modules
+    whole, about = load_dataset(data), read_metadata(data)
+    few = script.first_trials(whole, 2)
+    assert len(few.grasps) == script.trials_used(about, 2) == 54 * 2
+    assert script.trials_used(about, None) == script.trials_used(about, 9) == len(whole.grasps) == 54 * 3
+    cells = list(zip(whole.grasps.object_label.tolist(), whole.grasps.grasp_type.tolist(), strict=True))
+    first = [row for row, cell in enumerate(cells) if cells[:row].count(cell) < 2]
+    np.testing.assert_array_equal(few.grasps.posture, whole.grasps.posture[first])
+    arguments = script.Arguments(data=data, out=tmp_path / "runs", results=tmp_path / "results", train_only=True)
+    run = settings.Run("few", settings.Trained("few", FACTORIZATIONS["model1"], TINY, trials_per_cell=2))
+    script.Experiment(arguments).make(run)
+    assert GraspSampler.load(tmp_path / "runs/models/few").metadata["learned_from"] == 54 * 2
+
+
+# The dataset's card
+
+
+@pytest.fixture(scope="module")
+def card(data: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    script = load("data_card")
+    out = tmp_path_factory.mktemp("card") / "card.json"
+    script.main(script.Arguments(data, out))
+    del sys.modules["data_card"]
+    return dict(json.loads(out.read_text()))
+
+
+def test_a_card_says_what_a_dataset_holds(card: dict[str, Any], data: Path) -> None:
+    about = read_metadata(data)
+    assert card["command"] == "graspcascade collect --out data --trials-per-cell 3 --round-per-cell 3 --seed 2"
+    assert (card["trials"], card["held"], card["given_up"]) == (162, 162, [])
+    assert len(card["cells"]) == 54
+    assert card["cells"][0]["held rate"]["rate"] == 1.0
+    assert card["shards"] == [{key: about["shards"][0][key] for key in ("file", "rows", "sha256")}]
+    assert "abridged" in card["description"]
+    assert card["versions"] == about["versions"]
+
+
+def test_a_cards_command_tells_what_was_asked_in_turn_of_which_prior(data: Path) -> None:
+    script = load("data_card")
+    about = read_metadata(data)
+    first = about | {"prior": "mine", "creep_projection": None}
+    words = "graspcascade collect --out data --prior prior.safetensors --trials-per-cell 3 --round-per-cell 3"
+    assert script.commands(first) == f"{words} --seed 2 --full"
+    later = about | {"asked_before": [{"rounds": 1, "collection": about["collection"] | {"trials_per_cell": 2}}]}
+    assert script.commands(later).startswith("graspcascade collect --out data --trials-per-cell 2 ")
+    assert script.commands(later).endswith(f", then {script.commands(about)}")
+    short = about | {"collection": about["collection"] | {"successes_per_cell": 4}}
+    assert len(script.given_up(short)) == 54
+    assert not script.given_up(about)
+    del sys.modules["data_card"]

@@ -245,13 +245,14 @@ def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:
     """Read the counts of an evaluation file, nothing where there is none.
 
     Raises:
-        FileFormatError: the file is no evaluation, or names other weights.
+        FileFormatError: the file is no evaluation, or names other weights or another choice of sizes.
     """
     if not path.is_file():
         return {}
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        weights = found.get("model_metadata", {}).get("weights")
+        about = found.get("model_metadata", {})
+        weights, sizes = about.get("weights"), about.get("sizes", sampler.size_mode)
         rates = {
             f"{cell['grasp_type']}/{cell['object']}": {
                 "held": int(cell["held"]),
@@ -265,5 +266,9 @@ def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:
     if weights not in (None, sampler.fingerprint()):
         raise FileFormatError(
             f"{path} is of a cascade with weights {weights}, not of {sampler.fingerprint()} beside it"
+        )
+    if sizes != sampler.size_mode:
+        raise FileFormatError(
+            f"{path} is of grasps with sizes {sizes!r}, not {sampler.size_mode!r} as they are sampled"
         )
     return rates

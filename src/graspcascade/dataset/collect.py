@@ -231,7 +231,8 @@ def _open(
         "screening": "candidates whose opposing places stay farther apart than the side is wide are skipped",
         "seed": spec.seed,
         "round_per_cell": spec.round_per_cell,
-        "versions": versions(),
+        # The shards' bytes are pyarrow's.
+        "versions": versions() | {"pyarrow": version("pyarrow")},
     }
     if (folder / METADATA_FILE).exists():
         found = read_metadata(folder)
