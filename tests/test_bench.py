@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from graspcascade.bench import PARTS, BenchSpec, run_bench
+from graspcascade.bench.aims import AIMS, aims_table, measured
 from graspcascade.bench.engine import RawEngine
 from graspcascade.bench.page import fill_page, filled
 from graspcascade.bench.sampling import matrix_products
@@ -35,6 +36,7 @@ from graspcascade.cli import main
 from graspcascade.dataset import Dataset
 from graspcascade.errors import FileFormatError, InputError
 from graspcascade.evaluation import heuristic_source, model_source
+from graspcascade.files import write_json
 from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, HandModel
 from graspcascade.nets import TrainingSpec
@@ -378,8 +380,38 @@ def test_a_page_says_what_is_missing(tmp_path: Path) -> None:
         filled(PAGE, tmp_path)
 
 
+def test_aims_are_judged_by_the_figures_that_they_name(tmp_path: Path) -> None:
+    def words() -> dict[str, list[str]]:
+        rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in aims_table(tmp_path).splitlines()]
+        return {cells[0]: cells[1:] for cells in rows}
+
+    assert all(cells[1:] == ["not measured", "—"] for cells in list(words().values())[2:])
+    (tmp_path / "performance").mkdir()
+    bench = {"collection": {"gain": {"median": 2.94}}, "cold_start": {"s": {"median": 0.38}}}
+    write_json(tmp_path / "performance/bench.json", bench)
+    scaling = {"runs": [{"peak_rss_mb": 100.0}, {"peak_rss_mb": 2001.0}]}
+    write_json(tmp_path / "performance/collection_scaling.json", scaling)
+    compared = [
+        {"grasps": "model3", "executed": way, "agreement": {"rate": share}}
+        for way, share in (("steps of 1 ms", 0.9), ("abridged as in a collection", 0.99495))
+    ]
+    write_json(tmp_path / "verdict_agreement.json", {"comparisons": compared})
+    found = words()
+    assert found["collection, gain"] == ["at least 3", "2.94", "**no**"]
+    assert found["`graspcascade sample`, cold"] == ["at most 0.7 s", "0.38 s", "yes"]
+    assert found["peak memory of the largest collection"] == ["at most 2000 MB", "2001 MB", "**no**"]
+    assert found["abridged verdicts that agree, Model 3"] == ["at least 99.5 %", "99.495 %", "**no**"]
+    assert found["abridged verdicts that agree, heuristic"][1] == "not measured"
+
+
+def test_every_aim_is_measured_in_the_committed_files() -> None:
+    results = Path(__file__).parents[1] / "docs/results"
+    assert len({aim.what for aim in AIMS}) == len(AIMS)
+    assert all(measured(results, aim) is not None for aim in AIMS)
+
+
 def test_the_performance_page_is_up_to_date() -> None:
     docs = Path(__file__).parents[1] / "docs"
     text = (docs / "performance.md").read_text(encoding="utf-8")
-    assert text.count("<!-- generated: ") == 3
+    assert text.count("<!-- generated: ") == 4
     assert filled(text, docs / "results/performance") == text

@@ -10,6 +10,9 @@ import pytest
 from graspcascade.errors import FileFormatError, InputError
 from graspcascade.evaluation import Evaluation, newcombe
 from graspcascade.report import write_report
+from graspcascade.report.gallery import Gallery
+from graspcascade.report.markdown import points
+from graspcascade.report.results_page import render
 from graspcascade.trials import PAPER
 from test_evaluation import evaluation
 
@@ -34,9 +37,10 @@ def words(rate: Any) -> str:
     return f"{100 * rate.rate:.1f} % [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
 
 
-def test_the_page_is_the_same_for_the_same_files(results: Path) -> None:
-    assert page(results) == page(results)
-    assert "graspcascade report" in page(results).split("##")[0]
+def test_the_committed_page_is_of_the_committed_files() -> None:
+    docs = Path(__file__).parents[1] / "docs"
+    gallery = Gallery(docs / "results.md", docs / "figures", drawn=False)
+    assert render(docs / "results", gallery) == (docs / "results.md").read_text(encoding="utf-8")
 
 
 def test_the_page_shows_every_number(results: Path) -> None:
@@ -47,8 +51,9 @@ def test_the_page_shows_every_number(results: Path) -> None:
         found = Evaluation.load(path)
         assert words(found.held) in text
         assert words(found.faithful) in text
-        for count in found.total.verdicts.values():
-            assert f"{100 * count / found.n:.1f}" in text
+        verdicts = text.split("\n## Verdicts\n")[1].split("\n## ")[0]
+        shares = " | ".join(f"{100 * count / found.n:.1f}" for count in found.total.verdicts.values())
+        assert f"| {found.model} | `{found.protocol.name}` | {found.n} | {shares} |" in verdicts
         if found.protocol != PAPER:
             continue
         section = text.split(f"\n## {found.model}\n")[1].split("\n## ")[0]
@@ -90,6 +95,47 @@ def test_another_protocol_is_named_and_kept_apart(results: Path) -> None:
     assert "friction 0.6 (`paper`: 0.8)" in apart
     assert "`paper-friction-0.6`" in apart
     assert "sensitivity_friction" not in text.split("## Success rates")[1].split("\n## ")[0]
+
+
+def test_other_conditions_are_compared_with_the_same_grasps_where_these_were_executed(results: Path) -> None:
+    slippery = Evaluation.load(results / "sensitivity_friction.json").total
+
+    def compared() -> str:
+        apart = page(results).split("## Other conditions")[1].split("\n## ")[0]
+        (line,) = [line for line in apart.splitlines() if "`paper-friction-0.6`" in line]
+        return line
+
+    assert points(slippery.held_over(Evaluation.load(results / "model3.json").total)) in compared()
+    same = evaluation("model3", 3, held_share=0.95, protocol=replace(PAPER, name="paper, same grasps"))
+    same.save(results / "sensitivity_same_grasps.json")
+    assert points(slippery.held_over(same.total)) in compared()
+    for others in (replace(same, seed=4), evaluation("model3", 3, 30, 0.95, protocol=same.protocol)):
+        others.save(results / "sensitivity_same_grasps.json")
+        assert points(slippery.held_over(Evaluation.load(results / "model3.json").total)) in compared()
+
+
+def test_a_measurement_with_another_prior_says_so_and_long_lists_stay_in_the_file(results: Path) -> None:
+    evaluation(model_metadata={"prior": "aaaa"}).save(results / "heuristic.json")
+    for prior in ("aaaa", "bbbb"):
+        data = {"title": prior, "prior": prior, "shards": [{"sha256": "0123"}] * 3, "file_only": ["shards"]}
+        (results / f"of_{prior}.json").write_text(json.dumps(data))
+    same, other = (page(results).split(f"### {name}\n")[1].split("\n##")[0] for name in ("aaaa", "bbbb"))
+    assert "File `of_aaaa.json`. It also holds 3 shards." in same
+    assert "0123" not in same
+    assert "another prior" not in same
+    assert "another prior than the rates above, which are of aaaa" in other
+
+
+def test_rates_near_none_or_all_have_two_decimals(results: Path) -> None:
+    data = {
+        name: {"rate": value, "low": 0.0, "high": 1.0}
+        for name, value in (("a", 0.99481), ("b", 0.98999), ("c", 0.0022))
+    }
+    (results / "agreement.json").write_text(json.dumps(data))
+    text = page(results)
+    assert "| a | 99.48 % [0.00, 100.00] |" in text
+    assert "| b | 99.0 % [0.0, 100.0] |" in text
+    assert "| c | 0.22 % [0.00, 100.00] |" in text
 
 
 def test_the_page_follows_the_json(results: Path) -> None:

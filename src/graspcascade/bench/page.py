@@ -1,6 +1,6 @@
 """The tables of docs/performance.md, made from committed JSON files and from nothing else.
 
-The page names its generated blocks by the file they are made from.
+The page names its generated blocks by the file they are made from; "aims" is made from several.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from ..errors import FileFormatError
 from ..files import read_json, write_text
 from ..report.blocks import fill_blocks
 from ..report.markdown import MISSING, table
+from .aims import aims_table
 
 _TRIALS = {
     "collection": "collection",
@@ -40,7 +41,8 @@ def fill_page(page: Path, folder: Path) -> None:
 
 def filled(text: str, folder: Path) -> str:
     """Fill the blocks of a page's text; see `fill_page`."""
-    return fill_blocks(text, {name: partial(_made, name, folder / f"{name}.json") for name in _MAKERS})
+    makers: dict[str, Callable[[], str]] = {n: partial(_made, n, folder / f"{n}.json") for n in _MAKERS}
+    return fill_blocks(text, makers | {"aims": partial(aims_table, folder.parent)})
 
 
 def _made(name: str, path: Path) -> str:

@@ -20,16 +20,17 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, text_columns:
     return "\n".join(f"| {' | '.join(row)} |" for row in [list(header), rule, *escaped])
 
 
-def percent(share: float) -> str:
-    """Word a share in per cent, one decimal; NaN is a dash."""
-    return MISSING if math.isnan(share) else f"{100 * share:.1f}"
+def percent(share: float, decimals: int = 1) -> str:
+    """Word a share in per cent; NaN is a dash."""
+    return MISSING if math.isnan(share) else f"{100 * share:.{decimals}f}"
 
 
-def rate(interval: Interval) -> str:
+def rate(interval: Interval, decimals: int = 1) -> str:
     """Word a rate and its interval: ``46.0 % [43.1, 48.9]``."""
     if math.isnan(interval.rate):
         return MISSING
-    return f"{percent(interval.rate)} % [{percent(interval.low)}, {percent(interval.high)}]"
+    value, low, high = (percent(share, decimals) for share in (interval.rate, interval.low, interval.high))
+    return f"{value} % [{low}, {high}]"
 
 
 def points(difference: Difference) -> str:
@@ -63,10 +64,10 @@ def widest(tallies: Iterable[Tally]) -> str:
 
 
 def plain(value: Any) -> str:
-    """Word a JSON value; rates with their intervals as `rate` does."""
+    """Word a JSON value; rates with their intervals as `rate` does, two decimals within 1 % of none or all."""
     if isinstance(value, Mapping) and value.keys() == {"rate", "low", "high"}:
         known = {key: math.nan if number is None else float(number) for key, number in value.items()}
-        return rate(Interval(**known))
+        return rate(Interval(**known), 1 if 0.01 < known["rate"] < 0.99 else 2)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None:

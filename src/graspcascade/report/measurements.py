@@ -2,7 +2,7 @@
 
 A measurement is a JSON object. Its `title` and `description`, if there, head the section; single values become one
 table, objects are spread over it by their path, and each list of objects becomes a table of its own. An object
-of `rate`, `low` and `high` is one value.
+of `rate`, `low` and `high` is one value. What `file_only` names stays in the file, and is counted.
 """
 
 from __future__ import annotations
@@ -12,15 +12,25 @@ from typing import Any
 
 from .markdown import plain, table
 
-_HEADING = ("title", "description")
+_HEADING = ("title", "description", "file_only")
 
 
-def measurement_section(stem: str, data: Mapping[str, Any]) -> str:
-    """Write the section of one measurement, headed by its title or file name."""
-    blocks = [f"### {data.get('title', stem)}", f"File `{stem}.json`."]
+def measurement_section(stem: str, data: Mapping[str, Any], prior: str | None = None) -> str:
+    """Write the section of one measurement, headed by its title or file name.
+
+    Args:
+        stem: of its file.
+        data: what the file holds.
+        prior: the one behind the page's rates; a measurement of another one says so.
+    """
+    only = data.get("file_only", [])
+    kept = "".join(f" It also holds {len(data[name])} {name}." for name in only)
+    blocks = [f"### {data.get('title', stem)}", f"File `{stem}.json`.{kept}"]
+    if prior is not None and data.get("prior", prior) != prior:
+        blocks.append(f"Measured with another prior than the rates above, which are of {prior}.")
     if "description" in data:
         blocks.append(str(data["description"]))
-    values = list(spread({key: value for key, value in data.items() if key not in _HEADING}))
+    values = list(spread({key: value for key, value in data.items() if key not in (*_HEADING, *only)}))
     single = [(name, plain(value)) for name, value in values if not _is_table(value)]
     if single:
         blocks.append(table(("quantity", "value"), single))

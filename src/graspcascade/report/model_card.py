@@ -16,6 +16,8 @@ from .measurements import spread
 
 _WEAK = 0.9
 """Cells that hold less often are listed as weak."""
+_TOLD = ("learn_from", "object_pose", "training")
+"""Settings that have a line of their own."""
 
 
 def fill_model_card(page: Path) -> None:
@@ -46,6 +48,8 @@ def _facts(sampler: GraspSampler) -> str:
     )
     about = sampler.metadata
     data, config = about["dataset"], about["config"]
+    # The metric's weight follows from the fingertip error, in the stage that makes the posture.
+    loop = config["training"]
     rows = [
         ("name", f"`{DEFAULT}`, weights {sampler.fingerprint()}"),
         ("factorization", f"`{sampler.factorization.name}`: {sampler.factorization.source}"),
@@ -53,7 +57,8 @@ def _facts(sampler: GraspSampler) -> str:
         ("stages", stages),
         ("learned from", f"{about['learned_from']} {config['learn_from']} grasps, objects as {config['object_pose']}"),
         ("data", _words(data)),
-        ("training loop", _words(config["training"])),
+        ("training", _words({name: value for name, value in config.items() if name not in _TOLD})),
+        ("training loop", _words({name: value for name, value in loop.items() if name != "metric_weight"})),
         ("sizes asked for", f"`{sampler.size_mode}`"),
         ("made with", _words(about["versions"])),
     ]

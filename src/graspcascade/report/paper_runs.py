@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from statistics import variance
 from typing import Any
 
+from ..cascade import CascadeTraining
 from ..errors import FileFormatError
 from ..evaluation.record import Evaluation, pool
 from .curves import TrainingCurves, read_training
@@ -146,7 +147,7 @@ def training_seed(found: Evaluation) -> int | None:
 
 def metadata_differences(found: Evaluation, base: Evaluation) -> str:
     """Word what a model was trained with where that differs from another; empty if it does not."""
-    ours, theirs = dict(spread(found.model_metadata)), dict(spread(base.model_metadata))
+    ours, theirs = dict(settings(found)), dict(settings(base))
     keys = [key for key in dict.fromkeys((*theirs, *ours)) if not key.startswith(_INCIDENTAL)]
     # Another division into stages has other networks; only those of the same name can differ in their settings.
     keys = [key for key in keys if not key.startswith(_NETWORKS) or (key in ours and key in theirs)]
@@ -157,11 +158,24 @@ def metadata_differences(found: Evaluation, base: Evaluation) -> str:
     )
 
 
-def retraining_margin(one: Runs, other: Runs, spread_of: Mapping[str, Runs]) -> float:
-    """Give how far the held rates of two models may differ, in 95 of 100 cases, by retraining alone.
+def settings(found: Evaluation) -> Iterator[tuple[str, Any]]:
+    """Walk over what is recorded of a model, by path; settings that are younger than it have their defaults."""
+    about = dict(found.model_metadata)
+    if "config" in about:
+        usual, own = asdict(CascadeTraining()), about["config"]
+        # Given with every stage's network, from the fingertip error.
+        training = {name: value for name, value in own.get("training", {}).items() if name != "metric_weight"}
+        del usual["training"]["metric_weight"]
+        about["config"] = usual | own | {"training": usual["training"] | training}
+    return spread(about)
+
+
+def retraining_margin(one: Runs, other: Runs, spread_of: Mapping[str, Runs]) -> float | None:
+    """Give how far the held rates of two models may differ, in 95 of 100 cases, by retraining and drawing afresh.
 
     The variance between training seeds is pooled over all models that have several, and that of what is not trained is
-    zero; Student's t for its degrees of freedom.
+    zero; Student's t for its degrees of freedom. Each seed's trials are drawn afresh, so that their chance is part
+    of that variance.
 
     Args:
         one: runs of a model.
@@ -169,14 +183,14 @@ def retraining_margin(one: Runs, other: Runs, spread_of: Mapping[str, Runs]) -> 
         spread_of: runs of all models.
 
     Returns:
-        A share, 0 where no model has several seeds: nothing is known then.
+        A share, None where no model has several seeds: nothing is known then.
     """
     from scipy.stats import t
 
     rates = [[found.held.rate for found in runs.by_seed.values()] for runs in spread_of.values()]
     freedom = sum(len(group) - 1 for group in rates)
     if freedom == 0:
-        return 0.0
+        return None
     squares = sum((len(group) - 1) * variance(group) for group in rates if len(group) > 1)
     shares = sum(1 / len(runs.by_seed) for runs in (one, other) if None not in runs.by_seed)
     return float(t.ppf(0.975, freedom) * math.sqrt(squares / freedom * shares))

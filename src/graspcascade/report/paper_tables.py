@@ -13,8 +13,7 @@ from ..intervals import Difference
 from ..trials import VERDICTS
 from .gallery import POSE_FRAMES, TRAINING_CURVES, Gallery, pooled_heat_map_name
 from .markdown import MISSING, over, pair, percent, plain, points, rate, table, widest
-from .measurements import spread
-from .paper_runs import PaperRuns, Runs, metadata_differences, retraining_margin
+from .paper_runs import PaperRuns, Runs, metadata_differences, retraining_margin, settings
 from .published import (
     FULL_MODEL,
     MAIN_MODELS,
@@ -58,7 +57,7 @@ def paper_section(found: PaperRuns, gallery: Gallery) -> str:
         blocks += _experiment_section(found)
     blocks += gallery.show(
         POSE_FRAMES,
-        "Where the hand goes about the medium box, one panel a grasp type: sampled from the shipped cascade, where the "
+        "Where the hand goes about the medium box, one panel a grasp type: sampled from a trained cascade, where the "
         "paper's figure 5 shows collected grasps",
     )
     return "\n\n".join(blocks)
@@ -67,9 +66,12 @@ def paper_section(found: PaperRuns, gallery: Gallery) -> str:
 def _opening(found: PaperRuns) -> str:
     text = (
         "Gc is the posture, Gpos the object's position, Grot its rotation, Gt and Gs the type and size of the grasp, "
-        "Ot and Os those of the object. The paper's rates are of 27,000 grasps each, executed in another simulator. "
-        "Trials of all training seeds of a model count together: intervals speak of trials, the spread over seeds "
-        "speaks of retraining."
+        "Ot and Os those of the object. Networks that are given Gc see the two opposing contact places that it implies "
+        "beside the joint angles; those given Os see the side and its axis beside the object's size. The posture "
+        "network is not given Os, as the paper's section IV and Table III have it; the formulas beside its Table I "
+        "give it Os. The paper's rates are of 27,000 grasps each, executed in another simulator. Trials of all "
+        "training seeds of a model count together: intervals speak of trials, the spread over seeds speaks of "
+        "retraining."
     )
     if not found.runs:
         return text
@@ -145,8 +147,9 @@ def _orderings_section(runs: Mapping[str, Runs]) -> list[str]:
         "Reproduced: the difference of held rates is above zero with its whole interval, and larger than what "
         "retraining the same models with other seeds may do by itself. Not reproduced: the same below zero. "
         "Undecided: neither. Retraining: 95 % of differences between equal models would stay within so many points, "
-        "by the spread over the seeds of the models that have several, Student's t. "
-        f"Of {len(ORDERINGS)} orderings: "
+        "by the spread over the seeds of the models that have several, Student's t; each seed has trials of its own, "
+        "so that their chance is in it. Where no spread is known, trials alone decide. Each ordering is judged by "
+        f"itself, at 95 %: one may come out wrong by chance. Of {len(ORDERINGS)} orderings: "
         + ", ".join(f"{count} {word}" for word, count in verdicts.most_common())
         + "."
     )
@@ -160,17 +163,18 @@ def _compare(ordering: Ordering, claim: float, runs: Mapping[str, Runs]) -> tupl
     one, other = better.pooled.total, worse.pooled.total
     margin = retraining_margin(better, worse, runs)
     word = judge(one.held_over(other), claim, margin)
-    return word, *over(one, other), f"±{100 * margin:.1f}" if margin else MISSING
+    return word, *over(one, other), MISSING if margin is None else f"±{100 * margin:.1f}"
 
 
-def judge(found: Difference, claim: float, margin: float = 0.0) -> str:
+def judge(found: Difference, claim: float, margin: float | None = None) -> str:
     """Say whether a difference that the paper claims, a share above 0, is found here.
 
     Args:
         found: the same difference here.
         claim: the paper's.
-        margin: how large a difference retraining may make by itself.
+        margin: how large a difference retraining may make by itself, None where that is not known.
     """
+    margin = margin or 0.0
     if found.low > 0 and found.difference > margin:
         return "reproduced"
     if found.high < 0 and found.difference < -margin:
@@ -262,8 +266,8 @@ def _settings_section(found: PaperRuns) -> list[str]:
         return blocks
     seed, full = next(iter(found.runs[FULL_MODEL].by_seed.items()))
     if full.model_metadata:
-        facts = "; ".join(f"{key}: {plain(value)}" for key, value in spread(full.model_metadata))
-        blocks.append(f"`{FULL_MODEL}`, training seed {plain(seed)}: {facts}.")
+        facts = [(key, plain(value)) for key, value in settings(full)]
+        blocks += [f"`{FULL_MODEL}`, training seed {plain(seed)}:", table(("setting", "value"), facts, text_columns=2)]
     differing = [
         [f"`{name}`", plain(seed), difference]
         for name, run in found.runs.items()
@@ -301,7 +305,7 @@ def _curve_section(found: PaperRuns, gallery: Gallery) -> list[str]:
         "### Training curves",
         "The last epoch of every stage; losses of different stages, or of different outputs, are on different scales. "
         "The divergence's weight rises over the beginning of a run, so that losses of its first epochs are another "
-        "quantity.",
+        "quantity. A grasp of a rare object and type that is repeated in training may be among the held-out rows too.",
         table(header, rows, text_columns=2),
         *gallery.show(TRAINING_CURVES, "Loss on held-out rows (solid) and on the training rows (dotted) by epoch"),
     ]
@@ -322,7 +326,7 @@ def _experiment_section(found: PaperRuns) -> list[str]:
             ]
         )
     header = (
-        "experiment", "with another", "settings that differ", "protocol", "trials", "held", "faithful",
+        "experiment", "made of", "settings that differ", "protocol", "trials", "held", "faithful",
         "held, points over it", "faithful, points over it",
     )  # fmt: skip
     text = (

@@ -51,7 +51,8 @@ def render(folder: Path, gallery: Gallery) -> str:
     if found.other:
         blocks.append(_conditions_section(found))
     if found.measurements:
-        sections = [measurement_section(stem, data) for stem, data in found.measurements.items()]
+        prior = found.base.evaluation.model_metadata.get("prior")
+        sections = [measurement_section(stem, data, prior) for stem, data in found.measurements.items()]
         blocks.append("\n\n".join(["## Other measurements", *sections]))
     notes = folder / NOTES_FILE
     if notes.is_file():
@@ -118,11 +119,10 @@ def _conditions_section(found: ResultsFolder) -> str:
     )  # fmt: skip
     rows = []
     for entry in found.other:
-        usual = next((e for e in found.same if _same_model(e.evaluation, entry.evaluation)), None)
+        usual = _usual(entry, found)
         differing = [
-            f"{key} {_condition(value)} (`{name}`: {_condition(base.conditions[key])})"
-            for key, value in entry.conditions.items()
-            if key != "name" and value != base.conditions[key]
+            f"{key} {_condition(value)} (`{name}`: {_condition(there)})"
+            for key, value, there in _differing(entry, base)
         ]
         rows.append(
             [
@@ -132,11 +132,34 @@ def _conditions_section(found: ResultsFolder) -> str:
                 str(entry.total.n),
                 rate(entry.total.held_rate),
                 rate(entry.total.faithful_rate),
-                *((MISSING, MISSING) if usual is None else over(entry.total, usual.total)),
+                *((MISSING, MISSING) if usual in (None, entry) else over(entry.total, usual.total)),
             ]
         )
-    text = f"Differences are to the same model under protocol `{name}` with hand `{base.evaluation.hand}`."
+    text = (
+        f"Differences are to the same model under protocol `{name}` with hand `{base.evaluation.hand}`: to the row in "
+        "which nothing but the name differs, where there is one of as many trials from the same seed. These are the "
+        "same grasps, so that the intervals, which take them as independent, are rather too wide."
+    )
     return "\n\n".join(["## Other conditions", text, table(header, rows, text_columns=3)])
+
+
+def _differing(entry: Entry, base: Entry) -> list[tuple[str, Any, Any]]:
+    """List the conditions that differ: names, values, and what they are on the page."""
+    usual = base.conditions
+    return [
+        (key, value, usual[key]) for key, value in entry.conditions.items() if key != "name" and value != usual[key]
+    ]
+
+
+def _usual(entry: Entry, found: ResultsFolder) -> Entry | None:
+    """Give what an evaluation under other conditions is compared with; see `_conditions_section`."""
+
+    def like(other: Entry) -> bool:
+        return _same_model(other.evaluation, entry.evaluation)
+
+    alike = (other for other in found.other if like(other) and not _differing(other, found.base))
+    same_grasps = (other for other in alike if (other.seeds, other.total.n) == (entry.seeds, entry.total.n))
+    return next(same_grasps, None) or next(filter(like, found.same), None)
 
 
 def _same_model(one: Evaluation, other: Evaluation) -> bool:
@@ -157,7 +180,7 @@ def _model_section(entry: Entry, gallery: Gallery) -> str:
         + ", ".join(f"{name} {version}" for name, version in found.versions.items())
         + "."
     ]
-    if found.model_metadata:
+    if found.model_metadata and entry.has_own_file:
         facts.append("; ".join(f"{key}: {plain(value)}" for key, value in spread(found.model_metadata)) + ".")
     return "\n\n".join(
         [
@@ -166,7 +189,12 @@ def _model_section(entry: Entry, gallery: Gallery) -> str:
             _breakdown("grasp type", {**found.by_type, "all": found.total}),
             _breakdown("object", {**found.by_object, "all": found.total}),
             _matrix(found),
-            *gallery.show(entry.heat_map, f"Success of {entry.label} on every object with every grasp type"),
+            # Those of the paper's experiment stand in its section, with their settings.
+            *(
+                gallery.show(entry.heat_map, f"Success of {entry.label} on every object with every grasp type")
+                if entry.has_own_file
+                else ()
+            ),
         ]
     )
 
