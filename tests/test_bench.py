@@ -47,7 +47,8 @@ from graspcascade.trials.lane import trial_scene
 
 CELLS = (("sphere_small", "tripod"), ("box_medium", "tip_pinch"))
 SMALL = BenchSpec(
-    trials_per_cell=1,
+    collection_per_cell=1,
+    evaluation_per_cell=1,
     raw_per_cell=1,
     repetitions=1,
     threads=1,

@@ -25,8 +25,10 @@ Report = Callable[[int, int, str], None]
 class BenchSpec:
     """Say how much to measure."""
 
-    trials_per_cell: int = 40
-    """Trials for each object and type in one repetition of collection and of evaluation."""
+    collection_per_cell: int = 200
+    """Trials for each object and type in one repetition of collection; 200 are one round of `graspcascade collect`."""
+    evaluation_per_cell: int = 40
+    """Trials for each object and type in one repetition of evaluation; 20 are one round of `graspcascade evaluate`."""
     raw_per_cell: int = 2
     """Full-length trials for each object and type in one measurement of the raw engine."""
     repetitions: int = 3
@@ -156,7 +158,7 @@ def _trials(
 
     hand, prior = shadow_hand(), PosturePrior.pretrained()
     cells = CELLS if cells is None else cells
-    amount = (spec.trials_per_cell, spec.seed, threads)
+    per_cell = dict.fromkeys(TRIAL_PARTS, spec.evaluation_per_cell) | {"collection": spec.collection_per_cell}
     heuristic = heuristic_source(hand, prior)
     sources = {"evaluation_heuristic": heuristic}
     if "evaluation" in parts:
@@ -169,11 +171,11 @@ def _trials(
     workloads = {}
     if "collection" in parts:
         drawn = collection_grasps(hand, prior, spec.raw_per_cell, spec.seed)
-        workloads["collection"] = engine(drawn), collection(hand, prior, *amount)
+        workloads["collection"] = engine(drawn), collection(hand, prior, per_cell["collection"], spec.seed, threads)
     for name, source in sources.items():
         if name in parts:
             drawn = evaluation_grasps(source, spec.raw_per_cell, spec.seed, cells)
-            workloads[name] = engine(drawn), evaluation(name, source, *amount, cells)
+            workloads[name] = engine(drawn), evaluation(name, source, per_cell[name], spec.seed, threads, cells)
     found: dict[str, Any] = {}
     if "raw" in parts:
         measure, values = engine(evaluation_grasps(heuristic, spec.raw_per_cell, spec.seed, cells)), []
@@ -183,9 +185,9 @@ def _trials(
         found["raw"] = {"steps_per_s": Spread.of(values).to_json(), "values": values, "stepping": STEPPING}
     measured = interleave(workloads, spec.repetitions, watch.begin)
     for name in workloads:
-        rounds = collection_round(spec.trials_per_cell) if name == "collection" else ROUND_PER_CELL
+        rounds = collection_round(per_cell[name]) if name == "collection" else ROUND_PER_CELL
         found[name] = measured.to_json(name) | {
-            "round_per_cell": min(rounds, spec.trials_per_cell),
+            "round_per_cell": min(rounds, per_cell[name]),
             "raw_trials": spec.raw_per_cell * len(CELLS if name == "collection" else cells),
             "steps_per_trial": PAPER.total_steps,
         }

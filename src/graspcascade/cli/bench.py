@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from ..bench import PARTS, BenchSpec, run_bench
 from ..bench.run import check_parts
 from ..errors import InputError
-from ..files import write_text
+from ..files import write_json
 from .console import bar, plain, print_json, print_table
 from .needs import need
 
@@ -54,7 +53,7 @@ class Bench:
                 )
             )
         if self.out is not None:
-            write_text(self.out, json_module.dumps(found, indent=1, allow_nan=False) + "\n")
+            write_json(self.out, found, allow_nan=False)
         if self.json:
             print_json(found)
         else:
