@@ -132,7 +132,7 @@ def _shared(model: str) -> list[Run]:
         one("fingertip_errors_hardly_count", training=_training(fingertip_error_m=1.0)),
         one("errors_in_metres_and_radians", training=_training(position_weight=_METRES_BESIDE_RADIANS)),
         one("half_the_latent", factorization=half),
-        one("layers_half_as_wide", factorization=_with_stages(model, _scale_layers(0.5))),
+        one("layers_an_eighth_as_wide", factorization=_with_stages(model, _scale_layers(1 / 8))),
         one("300_trials_per_cell", trials_per_cell=300),
         one(PLAIN, training=_training(**_PLAIN), size_mode="paper"),
     ]
