@@ -1,8 +1,6 @@
 """`bench`: real runs of everything at the smallest size, and the arithmetic on numbers given by hand."""
 
-import importlib.util
 import json
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import count
@@ -11,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import trial_speed
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -283,17 +282,10 @@ def test_the_yardstick_of_training_is_shared_among_those_who_train(
 def test_timing_the_parts_of_a_step_leaves_the_runners_scenes_alone(
     monkeypatch: pytest.MonkeyPatch, drawn: Grasps, outcomes: Outcomes
 ) -> None:
-    path = Path(__file__).parents[1] / "benchmarks/trial_speed.py"
-    spec = importlib.util.spec_from_file_location("trial_speed", path)
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "trial_speed", script)
-    spec.loader.exec_module(script)
     some = drawn[outcomes.held][:2]
-    monkeypatch.setattr(script, "collection_grasps", lambda *_: some)
-    monkeypatch.setattr(script, "_least", lambda *_: 1.0)
-    assert {row["step_us"] for row in script.step_parts(script.Arguments())} == {1.0}
+    monkeypatch.setattr(trial_speed, "collection_grasps", lambda *_: some)
+    monkeypatch.setattr(trial_speed, "_least", lambda *_: 1.0)
+    assert {row["step_us"] for row in trial_speed.step_parts(trial_speed.Arguments())} == {1.0}
     for label in some.object_label:
         for without in ((), *IDLE_SETS):
             option = trial_scene(SHADOW_HAND, str(label), PAPER, True, without).model.opt

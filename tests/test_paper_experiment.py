@@ -1,16 +1,16 @@
 """The paper's experiment as it is run: its settings as data, and models that are trained once and never mixed."""
 
-import importlib.util
 import json
 import shutil
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import data_card
 import numpy as np
+import paper_experiment
+import paper_settings
 import pytest
 
 import graspcascade.dataset.collect  # noqa: F401  the module, which the package hides behind the function
@@ -26,29 +26,9 @@ from graspcascade.postures import PosturePrior
 from graspcascade.report.published import PAPER_MODELS
 from graspcascade.trials import Outcomes
 
-FOLDER = Path(__file__).parents[1] / "benchmarks"
 
-
-def load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
-def modules() -> Iterator[tuple[Any, Any]]:
-    names = ("paper_settings", "paper_experiment")
-    yield load(names[0]), load(names[1])
-    for name in names:
-        del sys.modules[name]
-
-
-def test_every_model_of_the_paper_is_run_and_trained_alike(modules: tuple[Any, Any]) -> None:
-    runs = modules[0].paper_runs()
+def test_every_model_of_the_paper_is_run_and_trained_alike() -> None:
+    runs = paper_settings.paper_runs()
     assert len({run.name for run in runs}) == len(runs) == 17
     assert {run.model for run in runs} == set(PAPER_MODELS)
     trained = [run.trained for run in runs if run.trained is not None]
@@ -73,20 +53,20 @@ def changes(run: Any, usual: Any) -> int:
     )
 
 
-def test_an_experiment_changes_one_of_the_papers_models_in_one_respect(modules: tuple[Any, Any]) -> None:
-    usual = {run.name: run for run in modules[0].paper_runs()}
-    runs = modules[0].experiments()
+def test_an_experiment_changes_one_of_the_papers_models_in_one_respect() -> None:
+    usual = {run.name: run for run in paper_settings.paper_runs()}
+    runs = paper_settings.experiments()
     assert len({run.name for run in runs}) == len(runs)
     for run in runs:
         base = "model1" if run.name.endswith("_model1") else "model3"
         assert run.model in {base, f"{base}_opposition_frame"}
         assert run.per_cell == 100
         found = changes(run, usual[f"{base}_seed0"])
-        assert found == (2 if run.name.startswith(modules[0].PLAIN) else 1), run.name
+        assert found == (2 if run.name.startswith(paper_settings.PLAIN) else 1), run.name
 
 
-def test_what_is_changed_of_model1_is_changed_of_model3_too(modules: tuple[Any, Any]) -> None:
-    runs = {run.name: run for run in modules[0].experiments()}
+def test_what_is_changed_of_model1_is_changed_of_model3_too() -> None:
+    runs = {run.name: run for run in paper_settings.experiments()}
     pairs = [(run, runs[name.removesuffix("_model1")]) for name, run in runs.items() if name.endswith("_model1")]
     assert pairs
     for one, three in pairs:
@@ -119,20 +99,21 @@ def data(tmp_path_factory: pytest.TempPathFactory, hand: HandModel, prior: Postu
 
 
 def test_a_model_is_trained_once_and_refused_for_other_settings_or_data(
-    modules: tuple[Any, Any], data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    settings, script = modules
-    arguments = script.Arguments(data=data, out=tmp_path / "runs", results=tmp_path / "results", train_only=True)
-    wanted = settings.Trained("small", FACTORIZATIONS["model3"], TINY)
+    arguments = paper_experiment.Arguments(
+        data=data, out=tmp_path / "runs", results=tmp_path / "results", train_only=True
+    )
+    wanted = paper_settings.Trained("small", FACTORIZATIONS["model3"], TINY)
 
     def make(trained: Any, **changes: Any) -> None:
-        script.Experiment(replace(arguments, **changes)).make(settings.Run(trained.name, trained))
+        paper_experiment.Experiment(replace(arguments, **changes)).make(paper_settings.Run(trained.name, trained))
 
     make(wanted)
     weights = (tmp_path / "runs/models/small/cascade.safetensors").read_bytes()
     curves = json.loads((tmp_path / "results/training/small.json").read_text())
     assert curves["learned_from"] == 54 * SPEC.trials_per_cell
-    monkeypatch.setattr(script, "fit_cascade", None)  # training again would fail
+    monkeypatch.setattr(paper_experiment, "fit_cascade", None)  # training again would fail
     make(wanted)
     assert (tmp_path / "runs/models/small/cascade.safetensors").read_bytes() == weights
     with pytest.raises(InputError, match="other settings"):
@@ -149,20 +130,24 @@ def test_a_model_is_trained_once_and_refused_for_other_settings_or_data(
         make(wanted, data=tmp_path / "other")
 
 
-def test_a_model_may_learn_from_the_first_trials_of_each_cell(
-    modules: tuple[Any, Any], data: Path, tmp_path: Path
-) -> None:
-    settings, script = modules
+def test_a_model_may_learn_from_the_first_trials_of_each_cell(data: Path, tmp_path: Path) -> None:
     whole, about = load_dataset(data), read_metadata(data)
-    few = script.first_trials(whole, 2)
-    assert len(few.grasps) == script.trials_used(about, 2) == 54 * 2
-    assert script.trials_used(about, None) == script.trials_used(about, 9) == len(whole.grasps) == 54 * 3
+    few = paper_experiment.first_trials(whole, 2)
+    assert len(few.grasps) == paper_experiment.trials_used(about, 2) == 54 * 2
+    assert (
+        paper_experiment.trials_used(about, None)
+        == paper_experiment.trials_used(about, 9)
+        == len(whole.grasps)
+        == 54 * 3
+    )
     cells = list(zip(whole.grasps.object_label.tolist(), whole.grasps.grasp_type.tolist(), strict=True))
     first = [row for row, cell in enumerate(cells) if cells[:row].count(cell) < 2]
     np.testing.assert_array_equal(few.grasps.posture, whole.grasps.posture[first])
-    arguments = script.Arguments(data=data, out=tmp_path / "runs", results=tmp_path / "results", train_only=True)
-    run = settings.Run("few", settings.Trained("few", FACTORIZATIONS["model1"], TINY, trials_per_cell=2))
-    script.Experiment(arguments).make(run)
+    arguments = paper_experiment.Arguments(
+        data=data, out=tmp_path / "runs", results=tmp_path / "results", train_only=True
+    )
+    run = paper_settings.Run("few", paper_settings.Trained("few", FACTORIZATIONS["model1"], TINY, trials_per_cell=2))
+    paper_experiment.Experiment(arguments).make(run)
     assert GraspSampler.load(tmp_path / "runs/models/few").metadata["learned_from"] == 54 * 2
 
 
@@ -171,10 +156,8 @@ def test_a_model_may_learn_from_the_first_trials_of_each_cell(
 
 @pytest.fixture(scope="module")
 def card(data: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    script = load("data_card")
     out = tmp_path_factory.mktemp("card") / "card.json"
-    script.main(script.Arguments(data, out))
-    del sys.modules["data_card"]
+    data_card.main(data_card.Arguments(data, out))
     return dict(json.loads(out.read_text()))
 
 
@@ -190,15 +173,13 @@ def test_a_card_says_what_a_dataset_holds(card: dict[str, Any], data: Path) -> N
 
 
 def test_a_cards_command_tells_what_was_asked_in_turn_of_which_prior(data: Path) -> None:
-    script = load("data_card")
     about = read_metadata(data)
     first = about | {"prior": "mine", "creep_projection": None}
     words = "graspcascade collect --out data --prior prior.safetensors --trials-per-cell 3 --round-per-cell 3"
-    assert script.commands(first) == f"{words} --seed 2 --full"
+    assert data_card.commands(first) == f"{words} --seed 2 --full"
     later = about | {"asked_before": [{"rounds": 1, "collection": about["collection"] | {"trials_per_cell": 2}}]}
-    assert script.commands(later).startswith("graspcascade collect --out data --trials-per-cell 2 ")
-    assert script.commands(later).endswith(f", then {script.commands(about)}")
+    assert data_card.commands(later).startswith("graspcascade collect --out data --trials-per-cell 2 ")
+    assert data_card.commands(later).endswith(f", then {data_card.commands(about)}")
     short = about | {"collection": about["collection"] | {"successes_per_cell": 4}}
-    assert len(script.given_up(short)) == 54
-    assert not script.given_up(about)
-    del sys.modules["data_card"]
+    assert len(data_card.given_up(short)) == 54
+    assert not data_card.given_up(about)
