@@ -101,8 +101,9 @@ def _training(seed: int = 0, **changes: Any) -> CascadeTraining:
 
 
 def experiments() -> list[Run]:
-    """List what else was tried: changes of Model 3, and of Model 1 what may explain how well one network does."""
-    return [*_full_model_experiments(), *(run for model in (FULL_MODEL, "model1") for run in _shared(model))]
+    """List what else was tried: changes of Model 3, and of Models 1 and 2 what may explain how well these do."""
+    shared = [run for model in (FULL_MODEL, "model1") for run in _shared(model)]
+    return [*_full_model_experiments(), *shared, _narrow("model2")]
 
 
 def _full_model_experiments() -> list[Run]:
@@ -132,10 +133,14 @@ def _shared(model: str) -> list[Run]:
         one("fingertip_errors_hardly_count", training=_training(fingertip_error_m=1.0)),
         one("errors_in_metres_and_radians", training=_training(position_weight=_METRES_BESIDE_RADIANS)),
         one("half_the_latent", factorization=half),
-        one("layers_an_eighth_as_wide", factorization=_with_stages(model, _scale_layers(1 / 8))),
+        _narrow(model),
         one("300_trials_per_cell", trials_per_cell=300),
         one(PLAIN, training=_training(**_PLAIN), size_mode="paper"),
     ]
+
+
+def _narrow(model: str) -> Run:
+    return _changed(model, "layers_an_eighth_as_wide", factorization=_with_stages(model, _scale_layers(1 / 8)))
 
 
 def _changed(model: str, name: str, size_mode: SizeMode = "best", **fields: Any) -> Run:

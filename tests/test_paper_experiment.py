@@ -58,18 +58,19 @@ def test_an_experiment_changes_one_of_the_papers_models_in_one_respect() -> None
     runs = paper_settings.experiments()
     assert len({run.name for run in runs}) == len(runs)
     for run in runs:
-        base = "model1" if run.name.endswith("_model1") else "model3"
+        base = next((model for model in ("model1", "model2") if run.name.endswith(f"_{model}")), "model3")
         assert run.model in {base, f"{base}_opposition_frame"}
         assert run.per_cell == 100
         found = changes(run, usual[f"{base}_seed0"])
         assert found == (2 if run.name.startswith(paper_settings.PLAIN) else 1), run.name
 
 
-def test_what_is_changed_of_model1_is_changed_of_model3_too() -> None:
+def test_what_is_changed_of_another_model_is_changed_of_model3_too() -> None:
     runs = {run.name: run for run in paper_settings.experiments()}
-    pairs = [(run, runs[name.removesuffix("_model1")]) for name, run in runs.items() if name.endswith("_model1")]
-    assert pairs
-    for one, three in pairs:
+    others = [run for run in runs.values() if run.model in {"model1", "model2"}]
+    assert {run.model for run in others} == {"model1", "model2"}
+    for one in others:
+        three = runs[one.name.removesuffix(f"_{one.model}")]
         assert (one.size_mode, one.trained.trials_per_cell) == (three.size_mode, three.trained.trials_per_cell)
         assert one.trained.training == three.trained.training
 
