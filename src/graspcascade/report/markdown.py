@@ -41,6 +41,11 @@ def points(difference: Difference) -> str:
     return f"{value} [{low}, {high}]"
 
 
+def rates(found: Evaluation) -> tuple[str, str, str]:
+    """Word the number of trials of an evaluation, and its rates of held and of faithful ones."""
+    return str(found.n), rate(found.held), rate(found.faithful)
+
+
 def pair(tally: Tally | None) -> str:
     """Word the rates of held and faithful trials in per cent: ``91.0 / 88.5``."""
     return MISSING if tally is None else f"{percent(tally.held_rate.rate)} / {percent(tally.faithful_rate.rate)}"

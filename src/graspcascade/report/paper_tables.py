@@ -1,28 +1,16 @@
-"""The section of the results page on the paper's experiment: its Tables I to III with our rates beside them."""
+"""The paper's Tables I to III with our rates beside its own, and its orderings judged by them."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from statistics import stdev
 
 from ..cascade import FACTORIZATIONS, Stage
 from ..evaluation import HEURISTIC
-from ..evaluation.record import Evaluation, Tally
 from ..intervals import Difference
-from ..trials import VERDICTS
-from .gallery import POSE_FRAMES, TRAINING_CURVES, Gallery, pooled_heat_map_name
-from .markdown import MISSING, over, pair, percent, plain, points, rate, table, widest
-from .paper_runs import PaperRuns, Runs, metadata_differences, retraining_margin, settings
-from .published import (
-    FULL_MODEL,
-    MAIN_MODELS,
-    ORDERINGS,
-    SUCCESS_PERCENT,
-    TABLES,
-    Ordering,
-    PaperTable,
-)
+from .markdown import MISSING, over, points, rate, table
+from .paper_runs import Runs, retraining_margin
+from .published import FULL_MODEL, ORDERINGS, SUCCESS_PERCENT, Ordering, PaperTable
 
 NOT_RUN = "not yet run"
 _SYMBOLS = {
@@ -42,44 +30,8 @@ _HEADS = {
 }
 
 
-def paper_section(found: PaperRuns, gallery: Gallery) -> str:
-    """Word the section; what was not run yet is said to be so, or left out."""
-    blocks = ["## The paper's experiment", _opening(found)]
-    blocks += [_table_section(paper, found.runs) for paper in TABLES]
-    blocks += _orderings_section(found.runs)
-    if found.notes:
-        blocks += ["### What the orderings show", found.notes]
-    if found.runs:
-        blocks += [*_seed_section(found.runs), *_breakdown_section(found.runs, gallery), *_settings_section(found)]
-    if found.training:
-        blocks += _curve_section(found, gallery)
-    if found.experiments:
-        blocks += _experiment_section(found)
-    blocks += gallery.show(
-        POSE_FRAMES,
-        "Where the hand goes about the medium box, one panel a grasp type: sampled from a trained cascade, where the "
-        "paper's figure 5 shows collected grasps",
-    )
-    return "\n\n".join(blocks)
-
-
-def _opening(found: PaperRuns) -> str:
-    text = (
-        "Gc is the posture, Gpos the object's position, Grot its rotation, Gt and Gs the type and size of the grasp, "
-        "Ot and Os those of the object. Networks that are given Gc see the two opposing contact places that it implies "
-        "beside the joint angles; those given Os see the side and its axis beside the object's size. The posture "
-        "network is not given Os, as the paper's section IV and Table III have it; the formulas beside its Table I "
-        "give it Os. The paper's rates are of 27,000 grasps each, executed in another simulator. Trials of all "
-        "training seeds of a model count together: intervals speak of trials, the spread over seeds speaks of "
-        "retraining."
-    )
-    if not found.runs:
-        return text
-    one = next(iter(found.runs.values())).pooled
-    return f"Protocol `{one.protocol.name}`, hand `{one.hand}`, {len(one.cells)} cells of object and type.\n\n{text}"
-
-
-def _table_section(paper: PaperTable, runs: Mapping[str, Runs]) -> str:
+def table_section(paper: PaperTable, runs: Mapping[str, Runs]) -> str:
+    """Word one of the paper's tables; models that were not run say so."""
     header = (
         "paper's row", "model", _CONTRASTS[paper.contrast][0], "paper %", "held", "faithful", "trials",
         f"held, points over `{FULL_MODEL}`", f"faithful, points over `{FULL_MODEL}`",
@@ -131,7 +83,8 @@ def _symbols(quantities: Sequence[str]) -> str:
     return ", ".join(_SYMBOLS[name] for name in quantities)
 
 
-def _orderings_section(runs: Mapping[str, Runs]) -> list[str]:
+def orderings_section(runs: Mapping[str, Runs]) -> list[str]:
+    """Judge every ordering of the paper's tables by the trials and by what retraining does by itself."""
     header = (
         "table", "the paper's ordering", "verdict", "paper, points", "held, points", "faithful, points",
         "retraining, points",
@@ -181,185 +134,3 @@ def judge(found: Difference, claim: float, margin: float | None = None) -> str:
         return f"not reproduced, difference {points(found)}"
     most = max(found.high, found.difference + margin)
     return "undecided, but smaller than the paper's" if most < claim else "undecided"
-
-
-def _seed_section(runs: Mapping[str, Runs]) -> list[str]:
-    several = [found for found in runs.values() if len(found.by_seed) > 1]
-    if not several:
-        return []
-    rows = []
-    for found in several:
-        for seed, one in found.by_seed.items():
-            rows.append([f"`{found.model}`", plain(seed), *_rates(one)])
-        rows.append([f"`{found.model}`", "all", *_rates(found.pooled)])
-    spreads = [
-        [
-            f"`{found.model}`",
-            str(len(found.by_seed)),
-            *_range([one.held.rate for one in found.by_seed.values()]),
-            *_range([one.faithful.rate for one in found.by_seed.values()]),
-        ]
-        for found in several
-    ]
-    header = (
-        "model", "training seeds", "held, lowest to highest %", "standard deviation, points",
-        "faithful, lowest to highest %", "standard deviation, points",
-    )  # fmt: skip
-    return [
-        "### Training seeds",
-        table(("model", "training seed", "trials", "held", "faithful"), rows, text_columns=2),
-        "Spread over the seeds:",
-        table(header, spreads),
-    ]
-
-
-def _rates(found: Evaluation) -> tuple[str, str, str]:
-    return str(found.n), rate(found.held), rate(found.faithful)
-
-
-def _range(rates: Sequence[float]) -> tuple[str, str]:
-    return f"{percent(min(rates))} to {percent(max(rates))}", f"{100 * stdev(rates):.2f}"
-
-
-def _breakdown_section(runs: Mapping[str, Runs], gallery: Gallery) -> list[str]:
-    blocks = ["### Success by object and by grasp type", "Held % / faithful % of each model."]
-    for tallies in (_by_object, _by_type):
-        found = {name: tallies(run.pooled) for name, run in runs.items()}
-        columns = next(iter(found.values()))
-        rows = [[f"`{name}`", *(pair(split[column]) for column in columns)] for name, split in found.items()]
-        reach = widest(tally for split in found.values() for tally in split.values())
-        blocks += [
-            table(("model", *columns), rows),
-            f"The widest of these 95 % intervals reaches {reach} points to either side of its middle.",
-        ]
-    for name in MAIN_MODELS:
-        if name in runs:
-            caption = f"Success of {runs[name].title} on every object with every grasp type"
-            blocks += gallery.show(pooled_heat_map_name(name), caption)
-    verdicts = [
-        [f"`{name}`", *(percent(count / run.pooled.n) for count in run.pooled.total.verdicts.values())]
-        for name, run in runs.items()
-    ]
-    blocks += ["### How trials ended", table(("model", *(f"{name} %" for name in VERDICTS)), verdicts)]
-    return blocks
-
-
-def _by_object(found: Evaluation) -> Mapping[str, Tally]:
-    return found.by_object
-
-
-def _by_type(found: Evaluation) -> Mapping[str, Tally]:
-    return found.by_type
-
-
-def _settings_section(found: PaperRuns) -> list[str]:
-    """Say how models were trained, and which of them differently, which a comparison of them must know."""
-    versions = sorted(
-        {
-            ", ".join([f"seed {one.seed}", *(f"{name} {version}" for name, version in one.versions.items())])
-            for run in found.runs.values()
-            for one in run.by_seed.values()
-        }
-    )
-    blocks = ["### Settings", f"Evaluated with {'; '.join(versions)}."]
-    if FULL_MODEL not in found.runs:
-        return blocks
-    seed, full = next(iter(found.runs[FULL_MODEL].by_seed.items()))
-    if full.model_metadata:
-        facts = [(key, plain(value)) for key, value in settings(full)]
-        blocks += [f"`{FULL_MODEL}`, training seed {plain(seed)}:", table(("setting", "value"), facts, text_columns=2)]
-    differing = [
-        [f"`{name}`", plain(seed), difference]
-        for name, run in found.runs.items()
-        if name != HEURISTIC
-        for seed, one in run.by_seed.items()
-        if (difference := metadata_differences(one, full))
-    ]
-    if not differing:
-        return [*blocks, "The other models were trained on the same data with the same settings."]
-    text = "Not trained on the same data with the same settings:"
-    return [*blocks, text, table(("model", "training seed", "what differs"), differing, text_columns=3)]
-
-
-def _curve_section(found: PaperRuns, gallery: Gallery) -> list[str]:
-    rows = []
-    for curves in found.training:
-        for stage, values in curves.stages.items():
-            validation = values.validation_loss[-1]
-            rows.append(
-                [
-                    f"`{curves.model}`",
-                    curves.panel(stage),
-                    str(curves.seed),
-                    str(values.epoch[-1]),
-                    f"{values.train_loss[-1]:.4g}",
-                    f"{values.train_reconstruction[-1]:.4g}",
-                    f"{values.train_kl[-1]:.4g}",
-                    MISSING if validation is None else f"{validation:.4g}",
-                ]
-            )
-    header = (
-        "model", "stage", "training seed", "epochs", "loss", "reconstruction", "divergence", "loss of held-out rows",
-    )  # fmt: skip
-    return [
-        "### Training curves",
-        "The last epoch of every stage; losses of different stages, or of different outputs, are on different scales. "
-        "The divergence's weight rises over the beginning of a run, so that losses of its first epochs are another "
-        "quantity. A grasp of a rare object and type that is repeated in training may be among the held-out rows too.",
-        table(header, rows, text_columns=2),
-        *gallery.show(TRAINING_CURVES, "Loss on held-out rows (solid) and on the training rows (dotted) by epoch"),
-    ]
-
-
-def _experiment_section(found: PaperRuns) -> list[str]:
-    rows = []
-    for label, one in found.experiments.items():
-        base = found.base_of(one)
-        rows.append(
-            [
-                label,
-                MISSING if base is None else f"`{base.model}`",
-                MISSING if base is None else metadata_differences(one, base) or MISSING,
-                f"`{one.protocol.name}`",
-                *_rates(one),
-                *(over(one.total, base.total) if base is not None and found.comparable(one) else (MISSING, MISSING)),
-            ]
-        )
-    header = (
-        "experiment", "made of", "settings that differ", "protocol", "trials", "held", "faithful",
-        "held, points over it", "faithful, points over it",
-    )  # fmt: skip
-    text = (
-        "Models with other settings than those above, each compared with the model it is made of, of the same training "
-        "seed, where hand, cells and protocol are the same. One training each: what retraining does by itself is told "
-        "above."
-    )
-    return ["### Experiments", text, table(header, rows, text_columns=4), *_paired_experiments(found)]
-
-
-def _paired_experiments(found: PaperRuns) -> list[str]:
-    """Compare the full model with others that had the same done to them."""
-    rows = []
-    for setting, models in found.by_setting.items():
-        full = models[FULL_MODEL].total
-        for name, one in models.items():
-            if name != FULL_MODEL:
-                rows.append(
-                    [
-                        setting,
-                        f"`{name}`",
-                        *(f"{rate(tally.held_rate)} of {tally.n}" for tally in (full, one.total)),
-                        *over(full, one.total),
-                    ]
-                )
-    if not rows:
-        return []
-    header = (
-        "setting", "compared with", f"`{FULL_MODEL}`, held", "the other, held",
-        f"`{FULL_MODEL}` above it, held, points", "faithful, points",
-    )  # fmt: skip
-    text = (
-        f"What the division into stages brings under a setting, which both models share: `{FULL_MODEL}` beside others "
-        "of the same training seed."
-    )
-    return [text, table(header, rows, text_columns=2)]

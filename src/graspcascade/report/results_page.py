@@ -15,7 +15,7 @@ from .gallery import Gallery
 from .markdown import MISSING, over, pair_rows, percent, plain, rate, table, widest
 from .measurements import measurement_section, spread
 from .paper_runs import NOTES_FILE
-from .paper_tables import paper_section
+from .paper_section import paper_section
 
 
 def write_report(results_dir: Path | str, out: Path | str, figures: Path | str | None = None) -> None:
