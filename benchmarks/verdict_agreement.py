@@ -35,7 +35,7 @@ FINE = replace(PAPER, name="paper, 1 ms", time_step_s=0.001)
 class Arguments:
     """Execute grasps several times."""
 
-    per_cell: int = 100
+    per_cell: int = 200
     """Grasps for each object and type, of the heuristic (as collected) and of the shipped cascade."""
     fine_per_cell: int = 20
     """How many of these are executed in steps of 1 ms and with all digits."""
