@@ -14,6 +14,7 @@ from typing import Any
 import tyro
 
 from graspcascade.dataset import CollectionSpec
+from graspcascade.dataset.collect import CollectionState, cell_name
 from graspcascade.dataset.shards import read_metadata, shards_digest
 from graspcascade.evaluation import wilson
 from graspcascade.files import write_json
@@ -56,12 +57,8 @@ def commands(about: dict[str, Any]) -> str:
 
 def given_up(about: dict[str, Any]) -> list[str]:
     """Name the objects and types that lack grasps."""
-    asked = about["collection"]
-    return [
-        f"{cell['object']}/{cell['grasp_type']}"
-        for cell in about["counts"]["cells"]
-        if cell["held"] < asked["successes_per_cell"] or cell["trials"] < asked["trials_per_cell"]
-    ]
+    state, asked = CollectionState.of(about["shards"]), CollectionSpec(**about["collection"])
+    return [cell_name(cell) for cell in state.short(asked)]
 
 
 def cell_card(cell: dict[str, Any]) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from graspcascade.cli.console import Bar
 from graspcascade.cli.train import Epochs
 from graspcascade.dataset import Dataset
 from graspcascade.errors import InputError
+from graspcascade.grasps import Grasps
 from graspcascade.hands import HandModel
 from graspcascade.nets import EpochRecord, TrainingSpec
 from graspcascade.objects import CATALOGUE
@@ -29,20 +30,24 @@ MODEL3 = FACTORIZATIONS["model3"]
 TINY = CascadeTraining(training=TrainingSpec(epochs=2, batch_size=64, seed=5))
 
 
+def all_held(grasps: Grasps) -> Outcomes:
+    """Say of grasps that they held, with all digits touching."""
+    blank = Outcomes.blank(len(grasps), len(grasps.joint_names))
+    return dataclasses.replace(
+        blank,
+        verdict=np.full(len(grasps), "held"),
+        touching_end=np.ones_like(blank.touching_end),
+        object_size_m=grasps.side_m + 0.012,
+    )
+
+
 @pytest.fixture(scope="module")
 def dataset(hand: HandModel, prior: PosturePrior) -> Dataset:
     """Make a dataset of candidates that are said to have held."""
     rng = np.random.default_rng(0)
     types, labels = rng.choice(list(GRASP_TYPES), 200), rng.choice(list(CATALOGUE), 200)
     grasps = candidates(hand, prior.sample(types, rng), types, labels, draw_sides(labels, rng), rng)
-    blank = Outcomes.blank(200, len(hand.joint_names))
-    outcomes = dataclasses.replace(
-        blank,
-        verdict=np.full(200, "held"),
-        touching_end=np.ones_like(blank.touching_end),
-        object_size_m=grasps.side_m + 0.012,
-    )
-    return Dataset(grasps, outcomes, {"protocol": PAPER.to_json(), "seed": 0})
+    return Dataset(grasps, all_held(grasps), {"protocol": PAPER.to_json(), "seed": 0})
 
 
 Told = list[tuple[str, EpochRecord]]

@@ -19,12 +19,11 @@ from graspcascade.dataset import CollectionSpec, collect, load_dataset
 from graspcascade.dataset.shards import read_metadata
 from graspcascade.errors import InputError
 from graspcascade.evaluation import HEURISTIC
-from graspcascade.grasps import Grasps
 from graspcascade.hands import HandModel
 from graspcascade.nets import TrainingSpec
 from graspcascade.postures import PosturePrior
 from graspcascade.report.published import PAPER_MODELS
-from graspcascade.trials import Outcomes
+from test_cascade_fit import all_held
 
 
 def test_every_model_of_the_paper_is_run_and_trained_alike() -> None:
@@ -82,19 +81,9 @@ TINY = CascadeTraining(training=TrainingSpec(epochs=1, batch_size=64))
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory, hand: HandModel, prior: PosturePrior) -> Path:
     """Collect candidates that are said to have held."""
-
-    def all_held(grasps: Grasps, *_: object, **__: object) -> Outcomes:
-        blank = Outcomes.blank(len(grasps), len(hand.joint_names))
-        return replace(
-            blank,
-            verdict=np.full(len(grasps), "held"),
-            touching_end=np.ones_like(blank.touching_end),
-            object_size_m=grasps.side_m + 0.012,
-        )
-
     folder = tmp_path_factory.mktemp("experiment") / "data"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys.modules["graspcascade.dataset.collect"], "run", all_held)
+        patch.setattr(sys.modules["graspcascade.dataset.collect"], "run", lambda grasps, *_, **__: all_held(grasps))
         collect(hand, prior, SPEC, folder)
     return folder
 

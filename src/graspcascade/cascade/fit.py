@@ -96,7 +96,8 @@ def fit_cascade(
     config = config or CascadeTraining()
     if dataset.grasps.joint_names != hand.joint_names:
         raise InputError(f"the dataset's joints are not those of {hand.description.name}")
-    if dataset.metadata.get("hand_fingerprint", hand.description.fingerprint()) != hand.description.fingerprint():
+    own = hand.description.fingerprint()
+    if dataset.metadata.get("hand_fingerprint", own) != own:
         raise InputError(f"the dataset was collected with another model of the hand than {hand.description.name}")
     material = prepare(hand, dataset, factorization, config)
     fitted = _fit_stages(material, factorization, config, progress, workers)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..dataset import CollectionSpec, collect
-from ..dataset.collect import CELLS, CollectionState
+from ..dataset.collect import CollectionState, cell_name
 from ..hands import shadow_hand
 from ..objects import CATALOGUE
 from ..postures import PosturePrior
@@ -54,8 +54,8 @@ class Collect:
             def report(state: CollectionState) -> None:
                 if state.lost and not told:
                     tell(f"missing or changed shards are collected again: {', '.join(state.lost)}")
-                for cell in () if self.spec.most_trials_per_cell else state.rare(self.spec):
-                    tell(f"{_name(cell)} hardly ever holds; --most-trials-per-cell gives such cells up")
+                for cell in state.rare(self.spec):
+                    tell(f"{cell_name(cell)} hardly ever holds; --most-trials-per-cell gives such cells up")
                 progress.show(self._done(state), note=f"held {_rate(state)}")
 
             state = collect(
@@ -78,7 +78,7 @@ class Collect:
                 f"{self.out}: {trials} screened trials under protocol paper, {held} held ({_rate(state)}), "
                 f"{faithful} type-faithful"
             )
-            given_up = [_name(cell) for cell in state.short(self.spec)]
+            given_up = [cell_name(cell) for cell in state.short(self.spec)]
             if given_up:
                 print(f"given up after {self.spec.most_trials_per_cell} trials: {', '.join(given_up)}")
 
@@ -95,10 +95,6 @@ class Collect:
     def _done(self, state: CollectionState) -> int:
         what, per_cell = self._goal
         return int(np.minimum(getattr(state, what), per_cell).sum())
-
-
-def _name(cell: int) -> str:
-    return "/".join(CELLS[cell])
 
 
 def _rate(state: CollectionState) -> str:

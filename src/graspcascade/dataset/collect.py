@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -40,6 +40,11 @@ MOST_DRAWS_PER_TRIAL = 1000
 """Candidates drawn of a cell for each trial of a round before it is called hopeless; the shipped prior needs three."""
 RARE_RATE, RARE_AFTER_TRIALS = 0.05, 1000
 """An object and type of which less than this share holds, after so many trials, is hardly worth waiting for."""
+
+
+def cell_name(cell: int) -> str:
+    """Name one of `CELLS` by its index."""
+    return "/".join(CELLS[cell])
 
 
 @dataclass(frozen=True)
@@ -83,12 +88,29 @@ class CollectionState:
     faithful: NDArray[np.int64]
     lost: tuple[str, ...] = ()
 
+    @classmethod
+    def of(cls, shards: Sequence[Mapping[str, Any]], lost: Collection[int] = ()) -> CollectionState:
+        """Count the shards that a collection's metadata lists, but for the lost ones, given by their numbers."""
+        found = [shard for number, shard in enumerate(shards) if number not in lost]
+
+        def total(key: str) -> NDArray[np.int64]:
+            counts: NDArray[np.int64] = np.array([s[key] for s in found], dtype=np.int64).reshape(-1, len(CELLS))
+            return np.asarray(counts.sum(axis=0))
+
+        files = tuple(str(shards[number]["file"]) for number in lost)
+        return cls(len(found), total("trials"), total("held"), total("faithful"), files)
+
     def short(self, spec: CollectionSpec) -> NDArray[np.int64]:
         """Give the indices in `CELLS` of those that lack trials or successes."""
         return np.flatnonzero((self.trials < spec.trials_per_cell) | (self.held < spec.successes_per_cell))
 
     def rare(self, spec: CollectionSpec) -> NDArray[np.int64]:
-        """Give the indices in `CELLS` of unfinished ones that hold too rarely to be waited for (see `RARE_RATE`)."""
+        """Give the indices in `CELLS` of unfinished ones that hold too rarely to be waited for (see `RARE_RATE`).
+
+        None where such cells will be given up anyway.
+        """
+        if spec.most_trials_per_cell:
+            return np.empty(0, dtype=np.int64)
         cells = self.unfinished(spec)
         trials, held = self.trials[cells], self.held[cells]
         rare = (held < spec.successes_per_cell) & (trials >= RARE_AFTER_TRIALS) & (held < RARE_RATE * trials)
@@ -139,7 +161,7 @@ def collect(
         shards = metadata["shards"]
         lost = [n for n, shard in enumerate(shards) if not is_intact(folder / shard["file"], shard["sha256"])]
         while True:
-            state = _state(shards, lost)
+            state = CollectionState.of(shards, lost)
             if progress is not None:
                 progress(state)
             # A lost shard gets the cells that it had, as its counts tell, whatever is asked for by now.
@@ -260,19 +282,8 @@ def _count(grasps: Grasps, held: NDArray[np.bool_], faithful: NDArray[np.bool_])
     return {"trials": per_cell(np.ones_like(held)), "held": per_cell(held), "faithful": per_cell(faithful)}
 
 
-def _state(shards: Sequence[dict[str, Any]], lost: Collection[int] = ()) -> CollectionState:
-    found = [shard for number, shard in enumerate(shards) if number not in lost]
-
-    def total(key: str) -> NDArray[np.int64]:
-        counts: NDArray[np.int64] = np.array([s[key] for s in found], dtype=np.int64).reshape(-1, len(CELLS))
-        return np.asarray(counts.sum(axis=0))
-
-    files = tuple(str(shards[number]["file"]) for number in lost)
-    return CollectionState(len(found), total("trials"), total("held"), total("faithful"), files)
-
-
 def _totals(shards: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    state = _state(shards)
+    state = CollectionState.of(shards)
     return {
         "trials": int(state.trials.sum()),
         "held": int(state.held.sum()),

@@ -55,8 +55,8 @@ class Entry:
 
     @property
     def heat_map(self) -> str:
-        """Name the file of its heat map."""
-        return heat_map_name(self.stem.replace("/", "_"))
+        """Name the file of its heat map, where it has a file of its own."""
+        return heat_map_name(self.stem)
 
 
 @dataclass(frozen=True)

@@ -166,10 +166,11 @@ def _curve_panel(
         place.plot(values.epoch, _held_out(values), **style)
         place.plot(values.epoch, values.train_loss, linestyle=":", **style)
     shared = [_shared_line(list(dict.fromkeys(models))) for models in sharing.values() if len(set(models)) > 1]
-    # Curves fall from the upper left and may pass behind.
-    behind = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
-    where = {"transform": place.transAxes, "ha": "right", "va": "top", "bbox": behind if shared else None}
-    place.text(0.98, 0.97, "\n".join(shared), fontsize=8, color=FAINT, **where)
+    if shared:
+        style = {"transform": place.transAxes, "ha": "right", "va": "top", "fontsize": 8, "color": FAINT}
+        # Curves fall from the upper left and may pass behind.
+        behind = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
+        place.text(0.98, 0.97, "\n".join(shared), bbox=behind, **style)
     _scale(place, list(lines))
     place.set_title(title, fontsize=11, color=INK)
     place.set_xlabel("epoch", fontsize=9, color=FAINT)

@@ -43,8 +43,8 @@ def seed_section(runs: Mapping[str, Runs]) -> list[str]:
     ]
 
 
-def _range(rates: Sequence[float]) -> tuple[str, str]:
-    return f"{percent(min(rates))} to {percent(max(rates))}", f"{100 * stdev(rates):.2f}"
+def _range(shares: Sequence[float]) -> tuple[str, str]:
+    return f"{percent(min(shares))} to {percent(max(shares))}", f"{100 * stdev(shares):.2f}"
 
 
 def settings_section(found: PaperRuns) -> list[str]:

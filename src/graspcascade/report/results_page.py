@@ -132,7 +132,7 @@ def _conditions_section(found: ResultsFolder) -> str:
                 str(entry.total.n),
                 rate(entry.total.held_rate),
                 rate(entry.total.faithful_rate),
-                *((MISSING, MISSING) if usual in (None, entry) else over(entry.total, usual.total)),
+                *((MISSING, MISSING) if usual is None or usual is entry else over(entry.total, usual.total)),
             ]
         )
     text = (
@@ -180,8 +180,12 @@ def _model_section(entry: Entry, gallery: Gallery) -> str:
         + ", ".join(f"{name} {version}" for name, version in found.versions.items())
         + "."
     ]
-    if found.model_metadata and entry.has_own_file:
-        facts.append("; ".join(f"{key}: {plain(value)}" for key, value in spread(found.model_metadata)) + ".")
+    pictures: list[str] = []
+    # Settings and pictures of the paper's experiment stand in its own section.
+    if entry.has_own_file:
+        if found.model_metadata:
+            facts.append("; ".join(f"{key}: {plain(value)}" for key, value in spread(found.model_metadata)) + ".")
+        pictures = gallery.show(entry.heat_map, f"Success of {entry.label} on every object with every grasp type")
     return "\n\n".join(
         [
             f"## {entry.label}",
@@ -189,12 +193,7 @@ def _model_section(entry: Entry, gallery: Gallery) -> str:
             _breakdown("grasp type", {**found.by_type, "all": found.total}),
             _breakdown("object", {**found.by_object, "all": found.total}),
             _matrix(found),
-            # Those of the paper's experiment stand in its section, with their settings.
-            *(
-                gallery.show(entry.heat_map, f"Success of {entry.label} on every object with every grasp type")
-                if entry.has_own_file
-                else ()
-            ),
+            *pictures,
         ]
     )
 
