@@ -1,6 +1,6 @@
-"""Compare our primitive-shape hand with another MJCF of the same hand on the same heuristic candidates.
+"""Compare our primitive-shape hand with another MJCF of the same hand on the same grasps.
 
-Example, with MuJoCo Menagerie's mesh hand on disk::
+Example, with MuJoCo Menagerie's mesh hand on disk (docs/own_hand.md tells where to find it)::
 
     python benchmarks/hand_comparison.py --mjcf path/to/shadow_hand/right_hand.xml --prefix rh_ \
         --out docs/results/hand_comparison.json
@@ -11,19 +11,23 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import tyro
 
-from graspcascade.candidates import candidates, draw_sides
+from graspcascade.bench.trials import evaluation_grasps
+from graspcascade.cascade import GraspSampler
+from graspcascade.dataset.collect import versions
+from graspcascade.evaluation import heuristic_source, model_source
 from graspcascade.files import write_json
+from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, HandDescription, load_hand, load_spec, shadow_hand
 from graspcascade.intervals import share
-from graspcascade.objects import CATALOGUE
 from graspcascade.postures import PosturePrior
 from graspcascade.taxonomy import GRASP_TYPES
-from graspcascade.trials import PAPER, run
+from graspcascade.trials import PAPER, Outcomes, run
 
 
 @dataclass(frozen=True)
@@ -34,10 +38,10 @@ class Arguments:
     """The other hand's MJCF."""
     prefix: str = "rh_"
     """What it puts before names."""
-    per_cell: int = 24
-    """Candidates for each object and type."""
+    per_cell: int = 100
+    """Grasps for each object and type, of the heuristic (unscreened) and of the shipped cascade."""
     seed: int = 5
-    """Seed of the candidates."""
+    """Seed of the grasps."""
     out: Path | None = None
     """JSON file to write."""
 
@@ -60,44 +64,52 @@ def surface_distances(other: HandDescription) -> dict[str, float]:
     return far
 
 
-def main(arguments: Arguments) -> None:
-    """Run the comparison and print it."""
-    hand = shadow_hand()
-    other = SHADOW_HAND.with_model(arguments.mjcf, "mesh hand", arguments.prefix)
-    rng = np.random.default_rng(arguments.seed)
-    n = arguments.per_cell
-    types = np.repeat(list(GRASP_TYPES), len(CATALOGUE) * n)
-    labels = np.tile(np.repeat(list(CATALOGUE), n), len(GRASP_TYPES))
-    prior = PosturePrior.pretrained()
-    postures = prior.sample(types, rng)
-    grasps = candidates(hand, postures, types, labels, draw_sides(labels, rng), rng)
-    ours, theirs = run(grasps, PAPER), run(grasps, PAPER, hand=other)
-    posture = load_hand(other).grasp_size(postures) - hand.grasp_size(postures)
-
-    distances = surface_distances(other)
-    result = {
-        "title": "Primitive shapes against a mesh hand",
-        "description": "The same unscreened heuristic candidates under the paper protocol, executed with our "
-        "primitive-shape hand and with the mesh hand of the same make (MuJoCo Menagerie's, convex hulls of meshes at "
-        "the fingertips).",
-        "protocol": PAPER.name,
-        "seed": arguments.seed,
-        "prior": prior.fingerprint(),
+def compare(name: str, grasps: Grasps, ours: Outcomes, theirs: Outcomes) -> dict[str, Any]:
+    """Compare the outcomes of the same grasps with both hands, trial by trial."""
+    return {
+        "grasps": name,
         "n": len(grasps),
         "held_primitives": share(ours.held).to_json(),
         "held_mesh": share(theirs.held).to_json(),
         "faithful_primitives": share(ours.faithful(grasps)).to_json(),
         "faithful_mesh": share(theirs.faithful(grasps)).to_json(),
-        "per_trial_agreement_held": share(ours.held == theirs.held).to_json(),
-        "largest_grasp_size_difference_mm": float(np.abs(posture).max() * 1e3),
+        "agreement_held": share(ours.held == theirs.held).to_json(),
+    }
+
+
+def main(arguments: Arguments) -> None:
+    """Run the comparison and print it."""
+    hand, prior, shipped = shadow_hand(), PosturePrior.pretrained(), GraspSampler.pretrained()
+    other = SHADOW_HAND.with_model(arguments.mjcf, "mesh hand", arguments.prefix)
+    mesh_hand = load_hand(other)
+    all_grasps, types, size_differences = [], [], []
+    for name, source in {"heuristic": heuristic_source(hand, prior), shipped.name: model_source(shipped)}.items():
+        grasps = evaluation_grasps(source, arguments.per_cell, arguments.seed)
+        ours, theirs = run(grasps, PAPER), run(grasps, PAPER, hand=other)
+        all_grasps.append(compare(name, grasps, ours, theirs))
+        for grasp_type in GRASP_TYPES:
+            of_type = grasps.grasp_type == grasp_type
+            compared = compare(name, grasps[of_type], ours[of_type], theirs[of_type])
+            types.append({"grasp_type": grasp_type, **compared})
+        size_differences.append(mesh_hand.grasp_size(grasps.posture) - hand.grasp_size(grasps.posture))
+
+    distances = surface_distances(other)
+    result = {
+        "title": "Primitive shapes against a mesh hand",
+        "description": "The same grasps under the paper protocol, executed in full with our primitive-shape hand and "
+        "with the mesh hand of the same make (MuJoCo Menagerie's, convex hulls of meshes at the fingertips). Those of "
+        "the heuristic are not screened; the cascade has learned from trials with the primitive-shape hand alone.",
+        "protocol": PAPER.name,
+        "seed": arguments.seed,
+        "prior": prior.fingerprint(),
+        "weights": shipped.fingerprint(),
+        "mujoco": versions()["mujoco"],
+        "largest_grasp_size_difference_mm": float(np.abs(np.concatenate(size_differences)).max() * 1e3),
         "largest_place_to_surface_distance_mm": max(distances.values()) * 1e3,
+        "grasps": all_grasps,
+        "types": types,
         "places": [{"place": name, "distance_mm": round(d * 1e3, 3)} for name, d in distances.items()],
-        "types": [
-            {"grasp_type": t, "n": int((types == t).sum()), "held_primitives": int(ours.held[types == t].sum()),
-             "held_mesh": int(theirs.held[types == t].sum())}
-            for t in GRASP_TYPES
-        ],
-    }  # fmt: skip
+    }
     print(json.dumps(result, indent=1))
     if arguments.out is not None:
         write_json(arguments.out, result)
