@@ -13,8 +13,9 @@ from typing import Any
 
 import tyro
 
+from graspcascade.cells import cell_name
 from graspcascade.dataset import CollectionSpec
-from graspcascade.dataset.collect import CollectionState, cell_name
+from graspcascade.dataset.collect import CollectionState
 from graspcascade.dataset.shards import read_metadata, shards_digest
 from graspcascade.evaluation import wilson
 from graspcascade.files import write_json

@@ -19,12 +19,12 @@ import tyro
 
 from graspcascade.bench.trials import evaluation_grasps
 from graspcascade.cascade import GraspSampler
-from graspcascade.dataset.collect import versions
 from graspcascade.evaluation import heuristic_source, model_source
 from graspcascade.files import write_json
 from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, HandDescription, load_hand, load_spec, shadow_hand
 from graspcascade.intervals import share
+from graspcascade.machine import versions
 from graspcascade.postures import PosturePrior
 from graspcascade.taxonomy import GRASP_TYPES
 from graspcascade.trials import PAPER, Outcomes, run

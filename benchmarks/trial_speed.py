@@ -23,6 +23,7 @@ import tyro
 from graspcascade.bench.engine import RawEngine
 from graspcascade.bench.environment import environment
 from graspcascade.bench.trials import collection_grasps
+from graspcascade.cells import CELLS
 from graspcascade.files import write_json
 from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, shadow_hand
@@ -138,7 +139,7 @@ def main(arguments: Arguments) -> None:
     result = {
         "environment": environment(processors()),
         "seed": arguments.seed,
-        "trials": arguments.per_cell * 54,
+        "trials": arguments.per_cell * len(CELLS),
         "repetitions": arguments.repetitions,
         "ladder": ladder(arguments),
         "step": step_parts(arguments),

@@ -19,12 +19,12 @@ import tyro
 
 from graspcascade.bench.trials import collection_grasps, evaluation_grasps
 from graspcascade.cascade import GraspSampler
-from graspcascade.dataset.collect import versions
 from graspcascade.evaluation import model_source
 from graspcascade.files import write_json
 from graspcascade.grasps import Grasps
 from graspcascade.hands import shadow_hand
 from graspcascade.intervals import share
+from graspcascade.machine import versions
 from graspcascade.postures import PosturePrior
 from graspcascade.trials import COLLECTION, PAPER, Outcomes, run
 

@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -19,13 +20,13 @@ from graspcascade.cascade.encoding import Request, condition, condition_matrix, 
 from graspcascade.cascade.fit import FittedCascade, fit_cascade
 from graspcascade.cascade.frames import fold_rotations, learning_frame
 from graspcascade.cascade.material import CascadeTraining, prepare, repeat_rare
-from graspcascade.cascade.sizes import SizeRule
+from graspcascade.cascade.sizes import SizeMode, SizeRule
 from graspcascade.cascade.stages import Frame
 from graspcascade.dataset import Dataset
 from graspcascade.errors import FileFormatError, InputError
 from graspcascade.grasps import Grasps
 from graspcascade.hands import hand_from_json, hand_to_json, shadow_hand
-from graspcascade.nets import TrainingSpec
+from graspcascade.nets import TrainingSpec, load_decoders, save_decoders
 from graspcascade.objects import AXES, CATALOGUE, grasp_object
 from graspcascade.poses import Pose, canonical_quat, quat_conjugate, quat_multiply, rotate, rotation_angle
 from graspcascade.postures import PosturePrior
@@ -33,7 +34,7 @@ from graspcascade.taxonomy import GRASP_TYPES
 from graspcascade.trials import PAPER, Outcomes
 
 HAND = shadow_hand()
-TINY = CascadeTraining(training=TrainingSpec(epochs=2, batch_size=64, metric_weight=1.0))
+TINY = CascadeTraining(training=TrainingSpec(epochs=2, batch_size=64))
 
 
 def drawn_candidates(n: int, seed: int = 0) -> Grasps:
@@ -108,6 +109,24 @@ def test_every_factorization_can_be_trained_and_sampled_by_the_one_loop(name: st
 def test_an_unknown_factorization_names_the_nearest() -> None:
     with pytest.raises(InputError, match="model3"):
         factorization("modell3")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"targets": ("postur",)}, "unknown target 'postur'. Did you mean 'posture'"),
+        ({"given": ("grasp_type", "object_sizes")}, "unknown quantity 'object_sizes'. Did you mean 'object_size'"),
+        ({"rotation_head": "vmff"}, "unknown rotation head 'vmff'. Did you mean 'vmf'"),
+    ],
+)
+def test_a_stage_of_unknown_names_is_refused_with_the_nearest(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        dataclasses.replace(FACTORIZATIONS["model3"].stages[1], **change)
+
+
+def test_an_unknown_frame_names_the_nearest() -> None:
+    with pytest.raises(InputError, match=r"unknown frame 'oposition'. Did you mean 'opposition'"):
+        dataclasses.replace(FACTORIZATIONS["model3"], frame="oposition")
 
 
 # -- the learning frame and the folding
@@ -229,6 +248,39 @@ def test_the_best_offset_is_where_trials_succeed_most() -> None:
     assert abs(grasp_size[0] - (0.02 - 0.012)) < 0.0025
 
 
+@pytest.mark.parametrize("n", [1, 9, 10])
+def test_a_type_with_few_successes_has_sizes_of_its_own(dataset: Dataset, n: int) -> None:
+    tip_pinches = dataset.grasps.grasp_type == "tip_pinch"
+    verdict = np.where(tip_pinches & (tip_pinches.cumsum() > n), "dropped", "held")
+    few = dataclasses.replace(dataset, outcomes=dataclasses.replace(dataset.outcomes, verdict=verdict))
+    material = prepare(HAND, few, FACTORIZATIONS["model3"], CascadeTraining())
+    offsets = (dataset.grasps.grasp_size_m - dataset.grasps.side_m)[tip_pinches][:n]
+    assert "tip_pinch" in material.request.grasp_type
+    assert material.sizes.grasp_offsets_m["tip_pinch"][9] == pytest.approx(np.median(offsets), abs=1e-5)
+    half_a_millimetre = 0.0005  # the step in which the best is looked for
+    best = material.sizes.best_offset_m["tip_pinch"]
+    assert offsets.min() - half_a_millimetre <= best <= offsets.max() + half_a_millimetre
+    # A narrower cell of few successes says little: the type speaks for it.
+    assert not [cell for cell in material.sizes.best_offset_m if cell.startswith("tip_pinch/")]
+
+
+def test_a_type_without_successes_is_one_that_was_never_seen(dataset: Dataset) -> None:
+    verdict = np.where(dataset.grasps.grasp_type == "tip_pinch", "dropped", "held")
+    none = dataclasses.replace(dataset, outcomes=dataclasses.replace(dataset.outcomes, verdict=verdict))
+    material = prepare(HAND, none, FACTORIZATIONS["model3"], CascadeTraining())
+    asked = Request(*(np.array([name]) for name in ("tip_pinch", "box_small", "x")), *np.full((3, 1), 0.02))
+    with pytest.raises(InputError, match="seen no grasps of type 'tip_pinch'"):
+        material.sizes.apply(asked, "best", np.random.default_rng(0))
+
+
+def test_an_unknown_size_mode_names_the_nearest(fitted: FittedCascade) -> None:
+    with pytest.raises(InputError, match=r"unknown size mode 'bset'. Did you mean 'best'"):
+        dataclasses.replace(fitted.sampler, size_mode="bset")
+    asked = Request(*(np.array([name]) for name in ("tripod", "box_small", "x")), *np.full((3, 1), 0.02))
+    with pytest.raises(InputError, match="Did you mean 'median'"):
+        fitted.sampler.sizes.apply(asked, "mediann", np.random.default_rng(0))  # type: ignore[arg-type]
+
+
 # -- fitting
 
 
@@ -311,8 +363,49 @@ def test_rows_asked_together_are_sampled_as_rows_asked_alone(fitted: FittedCasca
     np.testing.assert_allclose(alike.X_hand_object.position_m[:7], mixed.X_hand_object.position_m[:7], atol=1e-6)
     assert mixed.side_m.tolist() == [0.02] * 7 + [0.05]
     assert len(drawn([], [], [])) == 0
-    with pytest.raises(InputError, match="side axis"):
-        drawn(["tripod"], ["sphere_small"], ["y"])
+
+
+@pytest.mark.parametrize("mode", get_args(SizeMode))
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        (("tripodd", "box_small", "x"), "unknown grasp type 'tripodd'. Did you mean 'tripod'"),
+        (("tripod", "box_smal", "x"), "unknown object 'box_smal'. Did you mean 'box_small'"),
+        (("tripod", "box_small", "w"), "unknown side axis 'w'"),
+        (("tripod", "box_large", "z"), "side z of box_large is 7 cm, beyond the hand's reach"),
+    ],
+)
+def test_one_bad_row_among_many_is_refused_as_if_it_were_alone(
+    fitted: FittedCascade, row: tuple[str, str, str], message: str, mode: SizeMode
+) -> None:
+    sampler = dataclasses.replace(fitted.sampler, size_mode=mode)
+    rows = np.array([("tip_pinch", "box_large", "y")] * 5 + [row])
+    with pytest.raises(InputError, match=message):
+        sampler.sample_rows(*rows.T, np.random.default_rng(0))
+
+
+def test_rows_may_be_spelled_as_a_single_request_may(fitted: FittedCascade) -> None:
+    spelled = [("Tip pinch", "box-small", "z"), ("tripod", "Sphere_Small", "y"), ("tripod", "cylinder_small", "y")]
+    plain = [("tip_pinch", "box_small", "z"), ("tripod", "sphere_small", "x"), ("tripod", "cylinder_small", "x")]
+    one, two = (
+        fitted.sampler.sample_rows(*np.array(rows).T, np.random.default_rng(1)).columns() for rows in (spelled, plain)
+    )
+    for name, column in two.items():
+        np.testing.assert_array_equal(one[name], column)
+
+
+@pytest.mark.parametrize(
+    ("types", "labels", "axes"),
+    [
+        (["tripod"] * 3, ["box_small"] * 2, ["x"] * 3),
+        (["tripod"], ["box_small"] * 2, ["x"] * 2),
+        (["tripod"] * 2, ["box_small"] * 2, ["x"]),
+        ("tripod", "box_small", "x"),
+    ],
+)
+def test_rows_of_unequal_lengths_are_refused(fitted: FittedCascade, types, labels, axes) -> None:
+    with pytest.raises(InputError, match="as many names each"):
+        fitted.sampler.sample_rows(types, labels, axes, np.random.default_rng(0))
 
 
 def test_quantities_are_shared_when_their_columns_are() -> None:
@@ -409,6 +502,15 @@ def test_a_stored_hand_has_the_same_geometry() -> None:
     postures = drawn_candidates(5).posture
     np.testing.assert_array_equal(stored.grasp_size(postures), HAND.grasp_size(postures))
     assert stored.joint_names == HAND.joint_names
+
+
+def test_weights_of_a_frame_that_is_not_known_are_refused_by_their_name(fitted: FittedCascade, tmp_path: Path) -> None:
+    fitted.save(tmp_path)
+    stored = load_decoders(tmp_path / "cascade.safetensors")
+    other = dict(stored.metadata["factorization"]) | {"frame": "wrist"}
+    save_decoders(tmp_path / "cascade.safetensors", stored.decoders, dict(stored.metadata) | {"factorization": other})
+    with pytest.raises(FileFormatError, match=r"cascade\.safetensors cannot be read: unknown frame 'wrist'"):
+        GraspSampler.load(tmp_path)
 
 
 def test_truncated_foreign_and_missing_weights_are_refused_in_one_line(fitted: FittedCascade, tmp_path: Path) -> None:

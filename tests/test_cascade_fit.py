@@ -15,7 +15,7 @@ from graspcascade.cascade import FACTORIZATIONS, fit
 from graspcascade.cascade.fit import FittedCascade, StageJob, fit_cascade
 from graspcascade.cascade.material import CascadeTraining
 from graspcascade.cli.console import Bar
-from graspcascade.cli.train import Epochs
+from graspcascade.cli.train import Epochs, Train
 from graspcascade.dataset import Dataset
 from graspcascade.errors import InputError
 from graspcascade.grasps import Grasps
@@ -131,6 +131,27 @@ def test_errors_of_a_stage_arrive_as_they_are(hand: HandModel, dataset: Dataset)
         fit_cascade(hand, dataset, MODEL3, dataclasses.replace(TINY, training=wild), workers=1)
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"learn_from": "faithfull"}, "unknown choice of grasps to learn from 'faithfull'. Did you mean 'faithful'"),
+        ({"object_pose": "setled"}, "unknown object pose to learn 'setled'. Did you mean 'settled'"),
+        ({"most_repeats": 0}, "most_repeats must be at least 1, got 0"),
+        ({"fingertip_error_m": 0.0}, "fingertip_error_m must be from 1e-09 to 1e[+]09, got 0.0"),
+        ({"fingertip_error_m": -0.002}, "fingertip_error_m"),
+        ({"fingertip_error_m": float("nan")}, "fingertip_error_m"),
+        ({"fingertip_error_m": 1e-200}, "fingertip_error_m"),
+        ({"fingertip_error_m": 1e200}, "fingertip_error_m"),
+        ({"position_weight": 0.0}, "position_weight must be positive and finite, got 0.0"),
+        ({"position_weight": float("inf")}, "position_weight"),
+        ({"training": TrainingSpec(metric_weight=5.0)}, "follows from fingertip_error_m"),
+    ],
+)
+def test_training_settings_that_cannot_be_used_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        CascadeTraining(**change)
+
+
 # -- what stays
 
 
@@ -147,6 +168,56 @@ def test_the_training_curves_lie_beside_the_weights(alone: tuple[FittedCascade, 
         for curve, values in curves["stages"][name].items():
             assert values == [getattr(record, curve) for record in records]
         assert curves["stages"][name]["epoch"] == [1, 2]
+
+
+@pytest.fixture
+def train(dataset: Dataset, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+    """Run the command on the dataset."""
+    monkeypatch.setattr("graspcascade.cli.train.load_dataset", lambda _: dataset)
+    one_epoch = dataclasses.replace(TINY, training=dataclasses.replace(TINY.training, epochs=1))
+    return lambda out: Train(Path(), out, "model1", one_epoch, workers=1).run()
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_command_interrupted_while_it_writes_leaves_nothing_and_can_be_given_again(
+    train: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "models" / "mine"
+    if there:
+        out.mkdir(parents=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(fit, "write_json", interrupted)  # the weights come first
+        with pytest.raises(KeyboardInterrupt):
+            train(out)
+    assert list(out.parent.iterdir()) == [out] * there
+    assert not there or not any(out.iterdir())
+    train(out)
+    assert [path.name for path in out.parent.iterdir()] == ["mine"]
+    assert {path.name for path in out.iterdir()} == {"cascade.safetensors", "training.json"}
+
+
+def test_a_command_writes_where_a_link_points_to(train: Callable[[Path], None], tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "model").symlink_to(tmp_path / "disk")
+    train(tmp_path / "model")
+    assert (tmp_path / "model").is_symlink()
+    assert {path.name for path in (tmp_path / "disk").iterdir()} == {"cascade.safetensors", "training.json"}
+
+
+def test_a_folder_that_cannot_be_replaced_is_refused_before_the_training(
+    train: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("graspcascade.cli.train.fit_cascade", None)
+    with pytest.raises(InputError, match="cannot be put in place"):
+        train(Path())
+    monkeypatch.setattr(Path, "is_mount", lambda path: path.name == "volume")
+    (tmp_path / "volume").mkdir()
+    with pytest.raises(InputError, match="volume cannot be put in place"):
+        train(tmp_path / "volume")
 
 
 # -- what is shown

@@ -2,9 +2,12 @@
 
 import hashlib
 import json
+import os
+import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +17,7 @@ import pytest
 
 from graspcascade.candidates import candidates, draw_sides
 from graspcascade.cli import main
+from graspcascade.cli.console import Bar
 from graspcascade.cli.main import VERBS
 from graspcascade.dataset.collect import CollectionState
 from graspcascade.dataset.schema import SCHEMA_VERSION, to_columns
@@ -26,6 +30,7 @@ from graspcascade.poses import Pose
 from graspcascade.postures import LabelledPostures, PosturePrior, export_postures, import_postures
 from graspcascade.taxonomy import GRASP_TYPES
 from graspcascade.trials import PAPER, VERDICTS, Outcomes
+from graspcascade.workers import run_jobs
 
 
 @dataclass(frozen=True)
@@ -139,6 +144,7 @@ def test_a_missing_or_unknown_verb_is_refused_with_the_valid_ones(call: Call) ->
         (["sample", "tripod", "box_medium", "--object-pose", "0", "0", "0"], "object-pose"),
         (["trial", "grasps.json", "--engine", "physx"], "--engine"),
         (["collect", "--out", "x", "--trials-per-cell", "-1"], "must not be negative"),
+        (["collect", "--out", "x", "--seed", "-1"], "seed must not be negative, got -1"),
         (["prior", "--epochs", "0"], "epochs must be at least 1"),
         (["train", "--data", "x"], "--out"),
         (["hands", "draw"], "draw"),
@@ -187,6 +193,19 @@ def test_trouble_with_the_disk_is_status_1_and_one_line(
     assert (said.status, said.err) == (1, "graspcascade collect: no space left on device\n")
 
 
+def be_killed(report: Callable[[Any], None]) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_killed_worker_is_status_1_and_one_line(call: Call, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("graspcascade.cascade.fit.run_jobs", lambda jobs, *_: run_jobs([be_killed, be_killed], 2))
+    said = call("train", "--data", data, "--out", data / "model", "--epochs", 1)
+    assert (said.status, said.out) == (1, "")
+    assert "graspcascade train: a process ended with status -9 before its job was done" in said.err
+    assert len(said.err.splitlines()) == 1
+    assert not (data / "model").exists()
+
+
 def test_a_reader_that_leaves_early_causes_no_complaint() -> None:
     command = [sys.executable, "-m", "graspcascade.cli", "objects", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
@@ -210,6 +229,17 @@ def test_sample_prints_a_line_for_each_grasp(call: Call, model: Path) -> None:
 def test_without_a_model_the_shipped_one_answers(call: Call) -> None:
     rows = call("sample", "tripod", "box_medium", "--side-cm", 3, "--n", 2, "--json").json["grasps"]
     assert [row["side_m"] for row in rows] == [0.03, 0.03]
+
+
+def test_sample_tells_what_was_measured_of_such_grasps(call: Call, model: Path) -> None:
+    cell = call("sample", "tip_pinch", "cylinder_medium", "--n", 1, "--json").json["metadata"]["measured"]
+    found = cell["tip_pinch/cylinder_medium"]
+    assert 0 < found["held"] < found["n"]
+    said = call("sample", "tip_pinch", "cylinder_medium", "--n", 1).out
+    share = f"{100 * found['held'] / found['n']:.1f} %"
+    assert f"Of {found['n']} such grasps, tried under protocol paper, held: {share}" in said
+    # A model without its evaluation has nothing to tell.
+    assert "such grasps" not in call("sample", "tip_pinch", "cylinder_medium", "--n", 1, "--model", model).out
 
 
 def test_sample_json_is_what_a_json_file_holds(call: Call, model: Path, tmp_path: Path) -> None:
@@ -367,11 +397,32 @@ def test_trial_refuses_what_is_no_grasp_file(call: Call, saved: Path, tmp_path: 
     assert_refused(call("trial", tmp_path / "none.json"), "no grasps")
 
 
+def test_a_report_never_takes_the_place_of_the_grasps(call: Call, saved: Path) -> None:
+    before = saved.read_bytes()
+    assert_refused(call("trial", saved, "--out", saved), "holds the grasps", saved.name)
+    assert_refused(call("trial", saved, "--out", saved.parent / "." / saved.name), "holds the grasps")
+    assert saved.read_bytes() == before
+
+
 def test_trial_refuses_the_grasps_of_another_hand(call: Call, drawn: Grasps, tmp_path: Path) -> None:
     columns = drawn[:1].columns()
     columns |= {name: columns[name][:, 1:] for name in ("posture", "pregrasp")}
     save_grasps(tmp_path / "other.json", Grasps.from_columns(drawn.joint_names[1:], columns), metadata={})
     assert_refused(call("trial", tmp_path / "other.json"), "lacks joints of shadow_hand_right", drawn.joint_names[0])
+
+
+def test_a_trial_that_breaks_is_a_verdict_and_leaves_no_file(
+    drawn: Grasps, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    grasps = Grasps.concatenate([drawn[:1]])  # a copy, as a slice is a view
+    grasps.X_hand_object.position_m[0] = 1e12
+    save_grasps(tmp_path / "huge.json", grasps, metadata={})
+    monkeypatch.chdir(tmp_path)
+    assert main(["trial", "huge.json", "--json"]) == 0
+    said = capfd.readouterr()
+    assert json.loads(said.out)["grasps"][0]["verdict"] == "unstable"
+    assert said.err == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["huge.json"]
 
 
 # -- evaluate
@@ -395,6 +446,8 @@ def test_evaluate_refuses_before_any_trial(call: Call, tmp_path: Path) -> None:
     assert_refused(call("evaluate", "--model", "heuristics", "--out", out), "unknown model 'heuristics'")
     assert_refused(call("evaluate", "--model", "heuristic", "--protocol", "x", "--out", out), "unknown protocol")
     assert_refused(call("evaluate", "--model", "heuristic", "--prior", "absent.safetensors"), "no file")
+    asked = ["evaluate", "--prior", "p.safetensors", "--per-cell", 1, "--out", out]
+    assert_refused(call(*asked), "--model heuristic", "--model default")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -493,6 +546,62 @@ def test_collect_names_what_hardly_ever_holds_once_unless_it_will_be_given_up(
     said = f"graspcascade collect: {name} hardly ever holds; --most-trials-per-cell gives such cells up\n"
     assert call(*asked).err == said
     assert call(*asked, "--most-trials-per-cell", 5000).err == ""
+
+
+@dataclass
+class SeenBar(Bar):
+    """Keep what a progress bar is told."""
+
+    seen: list[int]
+    notes: list[str | None]
+
+    def show(self, done: int, total: int | None = None, note: str | None = None, title: str | None = None) -> None:
+        self.seen.append(done)
+        self.notes.append(note)
+
+
+@pytest.mark.parametrize(
+    ("asked", "held_share", "seen"),
+    [
+        # Two rounds of 2 trials a cell: of the second only one counts.
+        (["--trials-per-cell", 3], 0.0, [0, 54, 108, 108, 162, 162, 162]),
+        # Who holds is known at a round's end.
+        (["--trials-per-cell", 0, "--successes-per-cell", 3], 0.5, [0, 0, 0, 54, 54, 54, 108]),
+    ],
+)
+def test_collect_counts_what_was_asked_for_and_never_back(
+    call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, asked: list[Any], held_share: float, seen: list[int]
+) -> None:
+    shown, titles = SeenBar([], []), []
+
+    @contextmanager
+    def seen_bar(title: str, total: int) -> Iterator[SeenBar]:
+        titles.append((title, total))
+        yield shown
+
+    def collecting(
+        *_: object, progress: Callable[[CollectionState], None], tick: Callable[[int], None], **__: object
+    ) -> CollectionState:
+        for rounds in range(3):
+            trials = np.full(54, 2 * rounds)
+            held = (held_share * trials).astype(int)
+            state = CollectionState(rounds, trials, held, held)
+            progress(state)
+            for decided in [54, 54] if rounds < 2 else []:
+                tick(decided)
+        return state
+
+    monkeypatch.setattr("graspcascade.cli.collect.bar", seen_bar)
+    monkeypatch.setattr("graspcascade.cli.collect.collect", collecting)
+    assert call("collect", "--out", tmp_path / "data", "--round-per-cell", 2, *asked).status == 0
+    assert titles == [("held" if held_share else "trials", 162)]
+    assert shown.seen == seen
+    assert [str(note).split(", ")[1:] for note in shown.notes[:4]] == [
+        [],
+        ["54 trials into the round"],
+        ["108 trials into the round"],
+        [],
+    ]
 
 
 def test_collect_leaves_a_foreign_folder_alone(call: Call, tmp_path: Path) -> None:

@@ -336,6 +336,14 @@ def test_the_lock_of_a_crashed_collection_is_no_hindrance(
     assert len(load_dataset(tmp_path).grasps) == 24
 
 
+def test_what_a_killed_collection_left_is_no_hindrance(
+    collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+) -> None:
+    (tmp_path / ".metadata.json.4711.staged").write_text("{")
+    collect(hand, prior, SPEC, tmp_path, protocol=short)
+    assert contents(tmp_path) == contents(collection)
+
+
 def test_more_may_be_asked_of_a_collection(
     copy: Path, collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol
 ) -> None:
@@ -383,6 +391,22 @@ def test_a_cell_that_never_holds_is_given_up(
 
 
 # Refusals
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"seed": -1}, "seed must not be negative, got -1"),
+        ({"trials_per_cell": -2}, "trials_per_cell must not be negative, got -2"),
+        ({"successes_per_cell": -3}, "successes_per_cell must not be negative, got -3"),
+        ({"most_trials_per_cell": -4}, "most_trials_per_cell must not be negative, got -4"),
+        ({"round_per_cell": 0}, "round_per_cell must be at least 1, got 0"),
+        ({"trials_per_cell": 0}, "nothing to collect"),
+    ],
+)
+def test_numbers_that_ask_for_no_collection_are_refused(change: dict[str, int], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        replace(SPEC, **change)
 
 
 @pytest.mark.parametrize("changed", ["seed", "round_per_cell", "protocol", "prior", "hand"])

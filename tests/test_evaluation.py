@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from graspcascade.candidates import cannot_touch, draw_sides
+from graspcascade.cells import CELLS
 from graspcascade.dataset import load_dataset
-from graspcascade.dataset.collect import CELLS
 from graspcascade.errors import FileFormatError, InputError
 from graspcascade.evaluation import (
     ROUND_PER_CELL,
@@ -29,7 +30,7 @@ from graspcascade.evaluation import (
 from graspcascade.files import LOCK_FILE, sole_writer
 from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, HandModel, shadow_hand
-from graspcascade.objects import grasp_object
+from graspcascade.objects import CATALOGUE, grasp_object
 from graspcascade.poses import Pose
 from graspcascade.postures import PosturePrior
 from graspcascade.taxonomy import GRASP_TYPES
@@ -199,6 +200,63 @@ def test_stored_rows_are_a_dataset(tmp_path: Path, no_physics: list[int]) -> Non
     assert int(rows.outcomes.faithful(rows.grasps).sum()) == found.total.faithful
 
 
+@pytest.mark.parametrize(("how", "lost"), [("missing", [0]), ("missing", [1]), ("changed", [0, 2])])
+def test_lost_rows_are_executed_again_and_the_others_kept(
+    tmp_path: Path, no_physics: list[int], how: str, lost: list[int]
+) -> None:
+    pytest.importorskip("pyarrow")
+    asked: dict[str, Any] = {"per_cell": 2 * ROUND_PER_CELL + 5, "seed": 0, "cells": TWO_CELLS, "out": tmp_path}
+    first = evaluate("stub", stub, **asked)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    for number in lost:
+        path = tmp_path / f"part-{number:05d}.parquet"
+        path.unlink() if how == "missing" else path.write_bytes(path.read_bytes()[:-9])
+    expected = [no_physics[number] for number in lost]
+    no_physics.clear()
+    with pytest.raises(CutOffError):
+        evaluate("stub", cut_off_after(1 + len(lost[1:])), **asked)  # the first draw tells the source
+    told: list[int] = []
+    assert evaluate("stub", stub, **asked, progress=lambda done, _: told.append(done)) == first
+    assert no_physics == expected
+    assert (told[0], told[-1]) == (first.n - expected[-1], first.n)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert len(load_dataset(tmp_path).grasps) == first.n
+
+
+def test_rows_lost_by_an_unfinished_evaluation_do_not_change_it(tmp_path: Path, no_physics: list[int]) -> None:
+    pytest.importorskip("pyarrow")
+    asked: dict[str, Any] = {"per_cell": 3 * ROUND_PER_CELL, "seed": 0, "cells": TWO_CELLS}
+    with pytest.raises(CutOffError):
+        evaluate("stub", cut_off_after(2), **asked, out=tmp_path)
+    (tmp_path / "part-00000.parquet").unlink()
+    assert evaluate("stub", stub, **asked, out=tmp_path) == evaluate("stub", stub, **asked)
+    assert [shard["file"] for shard in load_dataset(tmp_path).metadata["shards"]] == [
+        f"part-{number:05d}.parquet" for number in range(3)
+    ]
+
+
+def test_rows_that_were_never_written_are_not_lost(
+    tmp_path: Path, no_physics: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pyarrow")
+    asked: dict[str, Any] = {"per_cell": 2 * ROUND_PER_CELL, "seed": 0, "cells": TWO_CELLS, "out": tmp_path}
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "find_spec", lambda _: None)
+        with pytest.raises(CutOffError):
+            evaluate("stub", cut_off_after(1), **asked)
+    first = evaluate("stub", stub, **asked)
+    assert [path.name for path in tmp_path.glob("*.parquet")] == ["part-00001.parquet"]
+    (tmp_path / "part-00001.parquet").unlink()
+    no_physics.clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "find_spec", lambda _: None)
+        assert evaluate("stub", stub, **asked) == first
+    assert no_physics == []  # nothing could be written
+    assert evaluate("stub", stub, **asked) == first
+    assert no_physics == [ROUND_PER_CELL * len(TWO_CELLS)]
+    assert (tmp_path / "part-00001.parquet").exists()
+
+
 def test_without_pyarrow_an_evaluation_resumes_from_its_counts(
     tmp_path: Path, no_physics: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -271,6 +329,29 @@ def test_a_folder_has_one_evaluation_at_a_time(tmp_path: Path, no_physics: list[
         pass
 
 
+def test_the_record_is_written_before_others_may_write(
+    tmp_path: Path, no_physics: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save, saved = Evaluation.save, []
+
+    def meddled(found: Evaluation, path: Path) -> None:
+        with pytest.raises(InputError, match="another process is writing to"), sole_writer(tmp_path):
+            raise AssertionError
+        save(found, path)
+        saved.append(path.name)
+
+    monkeypatch.setattr(Evaluation, "save", meddled)
+    evaluate("stub", stub, **ASKED, out=tmp_path)
+    assert saved == ["evaluation.json"]
+
+
+def test_what_a_killed_evaluation_left_is_no_hindrance(tmp_path: Path, no_physics: list[int]) -> None:
+    (tmp_path / ".metadata.json.4711.staged").write_text("{")
+    found = evaluate("stub", stub, **ASKED, out=tmp_path)
+    assert Evaluation.load(tmp_path / "evaluation.json") == found
+    assert not list(tmp_path.glob(".*"))
+
+
 def test_an_evaluation_whose_traceback_is_kept_does_not_keep_its_folder(tmp_path: Path, no_physics: list[int]) -> None:
     asked: dict[str, Any] = {"per_cell": 2 * ROUND_PER_CELL, "seed": 0, "cells": TWO_CELLS, "out": tmp_path}
     with pytest.raises(CutOffError) as kept:
@@ -282,6 +363,20 @@ def test_an_evaluation_whose_traceback_is_kept_does_not_keep_its_folder(tmp_path
 def test_a_heuristic_of_another_hands_joints_is_refused(hand: HandModel, prior: PosturePrior) -> None:
     with pytest.raises(InputError, match="in order"):
         heuristic_source(hand, replace(prior, joint_names=prior.joint_names[::-1]))
+
+
+def test_a_screened_heuristic_gives_what_can_touch_for_the_rows_asked_for(hand: HandModel) -> None:
+    prior, rng = PosturePrior.pretrained(), np.random.default_rng(0)
+    labels = rng.choice(list(CATALOGUE), 150)
+    asked = rng.choice(list(GRASP_TYPES), 150), labels, draw_sides(labels, rng)
+    plain = heuristic_source(hand, prior)(*asked, np.random.default_rng(1))
+    assert cannot_touch(hand, plain).any()
+    screened = heuristic_source(hand, prior, most_draws=200)(*asked, np.random.default_rng(1))
+    assert not cannot_touch(hand, screened).any()
+    assert [screened.grasp_type.tolist(), screened.object_label.tolist()] == [asked[0].tolist(), labels.tolist()]
+    assert screened.side_axis.tolist() == plain.side_axis.tolist()
+    kept = ~cannot_touch(hand, plain)
+    assert (screened.posture[kept] == plain.posture[kept]).all()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Files and folders are whole under their name, or as they were, and have one writer; unreadable JSON is named."""
 
 import errno
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -98,6 +99,17 @@ def test_a_folder_that_holds_something_is_not_replaced(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"folder": None, "folder/mine": b"mine"}
 
 
+@pytest.mark.parametrize("stale", [write_text, lambda path, text: write_text(path / "inner" / "file", text)])
+def test_what_a_killed_process_of_the_same_number_left_is_no_hindrance(
+    tmp_path: Path, stale: Callable[[Path, str], None]
+) -> None:
+    for name in ("file", "folder"):
+        stale(tmp_path / f".{name}.{os.getpid()}.staged", "half")
+    write_staged(tmp_path / "file", lambda staged: staged.write_text("new"))
+    write_folder_staged(tmp_path / "folder", lambda staged: (staged / "file").write_text("new"))
+    assert tree(tmp_path) == {"file": b"new", "folder": None, "folder/file": b"new"}
+
+
 def test_texts_are_utf_8_in_folders_made_for_them(tmp_path: Path) -> None:
     write_text(tmp_path / "a" / "b" / "file.txt", "90 % \N{PLUS-MINUS SIGN} 2\n")
     assert (tmp_path / "a" / "b" / "file.txt").read_bytes() == b"90 % \xc2\xb1 2\n"
@@ -148,6 +160,56 @@ def test_a_writer_that_crashed_leaves_a_folder_to_others(tmp_path: Path) -> None
     with sole_writer(tmp_path):
         pass
     assert tree(tmp_path) == {}
+
+
+LEFT = {".metadata.json.4711.staged": b"half", ".model.4712.staged": None, ".model.4712.staged/file": b"half"}
+NOT_LEFT = (".metadata.json.staged", "metadata.json.4711.staged", ".metadata.json.x.staged", ".a.1.staged.txt")
+
+
+@pytest.fixture
+def littered(tmp_path: Path) -> Path:
+    """Make a folder that holds what killed processes left half-written."""
+    for name, content in LEFT.items():
+        if content is not None:
+            write_text(tmp_path / name, content.decode())
+    return tmp_path
+
+
+def test_leftovers_of_killed_processes_are_nothing(littered: Path) -> None:
+    assert holds_nothing(littered)
+    for name in NOT_LEFT:
+        write_text(littered / name, "mine")
+        assert not holds_nothing(littered)
+        (littered / name).unlink()
+
+
+def test_a_writer_that_is_done_removes_leftovers_and_nothing_else(littered: Path) -> None:
+    pytest.importorskip("fcntl")
+    for name in NOT_LEFT:
+        write_text(littered / name, "mine")
+    with sole_writer(littered):
+        pass
+    assert tree(littered) == dict.fromkeys(NOT_LEFT, b"mine")
+
+
+def test_a_writer_that_fails_leaves_leftovers_alone(littered: Path) -> None:
+    """Whoever refuses a folder for what it holds fails so: the folder may be another's, who is writing."""
+    with pytest.raises(CutOffError), sole_writer(littered):
+        raise CutOffError
+    assert tree(littered) == LEFT
+
+
+def test_where_nobody_is_kept_out_no_leftovers_are_removed(littered: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_locks(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "no locks available")
+
+    monkeypatch.setattr("fcntl.flock", no_locks)
+    with sole_writer(littered):
+        pass
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    with sole_writer(littered):
+        pass
+    assert tree(littered) == LEFT
 
 
 def test_a_lock_whose_file_was_just_removed_is_not_taken_for_one(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from graspcascade import formats
 from graspcascade.errors import FileFormatError, InputError
-from graspcascade.formats import FORMATS, load_document, load_grasps, save_grasps
+from graspcascade.formats import FORMATS, FORMATS_BY_NAME, load_document, load_grasps, save_grasps
 from graspcascade.grasps import Grasps
 from graspcascade.poses import Pose, canonical_quat, rotation_angle
 
@@ -179,6 +179,16 @@ def test_what_cannot_be_written_leaves_the_earlier_file_as_it_was(
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
+@pytest.mark.parametrize("name", list(FORMATS_BY_NAME))
+@pytest.mark.parametrize("n_poses", [2, 4])
+def test_an_object_pose_is_one_for_all_grasps(grasps: Grasps, tmp_path: Path, name: str, n_poses: int) -> None:
+    several = Pose(np.tile(WORLD.position_m, (n_poses, 1)), np.tile(WORLD.quat_wxyz, (n_poses, 1)))
+    path = tmp_path / ("folder" if FORMATS_BY_NAME[name].layout != "file" else f"g{FORMATS_BY_NAME[name].suffixes[0]}")
+    with pytest.raises(InputError, match=rf"X_world_object: one pose.*got \({n_poses}, 3\)"):
+        save_grasps(path, grasps, metadata={}, X_world_object=several, format=name)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_parquet_without_pyarrow_names_the_extra(
     grasps: Grasps, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,6 +273,13 @@ def _change(path: list[Any], value: Any) -> Any:
         (["grasps", 3, "X_hand_object", "quat_wxyz"], [1.0, 0.0, 0.0], "grasp 3: quat_wxyz"),
         (["grasps", 3, "X_hand_object", "position_m"], [0.0, float("nan"), 0.0], "NaN is not a JSON number"),
         (["grasps", 3, "probability"], 1.5, "grasp 3: probability"),
+        (
+            ["X_world_object"],
+            {"position_m": [0.0, 0.1], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]},
+            "X_world_object is damaged",
+        ),
+        (["X_world_object"], {"position_m": [[0.0] * 3] * 2, "quat_wxyz": [[1.0, 0.0, 0.0, 0.0]] * 2}, "one pose"),
+        (["X_world_object"], {"position_m": [[0.0] * 3] * 4, "quat_wxyz": [[1.0, 0.0, 0.0, 0.0]] * 4}, "one pose"),
     ],
 )
 def test_a_document_with_a_fault_is_refused_with_its_place(

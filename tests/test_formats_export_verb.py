@@ -135,6 +135,24 @@ def test_what_cannot_be_used_is_refused_in_one_line(
     assert [p.name for p in tmp_path.iterdir()] == ["grasps.json"]
 
 
+@pytest.mark.parametrize("name", ["isaac_grasp", "moveit_grasp", "dexgraspbench", "dexgraspnet"])
+def test_a_file_that_lacks_a_joint_is_refused_in_one_line(
+    export: Export, saved: Path, tmp_path: Path, name: str
+) -> None:
+    data = json.loads(saved.read_text())
+    data["joint_names"].remove("FFJ4")
+    for row in data["grasps"]:
+        del row["posture"]["FFJ4"], row["pregrasp"]["FFJ4"]
+    saved.write_text(json.dumps(data))
+    target = "g.yaml" if name == "moveit_grasp" else "folder"
+    said = export(saved, "--format", name, "--out", tmp_path / target)
+    assert (said.status, said.out) == (2, "")
+    assert "lack joints" in said.err
+    assert "FFJ4" in said.err
+    assert len(said.err.splitlines()) == 1
+    assert [p.name for p in tmp_path.iterdir()] == [saved.name]
+
+
 def test_no_grasps_are_not_exported(export: Export, drawn: Grasps, tmp_path: Path) -> None:
     save_grasps(tmp_path / "none.json", drawn[[]], metadata={})
     said = export(tmp_path / "none.json", "--out", tmp_path / "x.parquet")

@@ -184,7 +184,7 @@ def test_an_object_at_the_hand_origin_puts_the_hand_at_the_object() -> None:
     np.testing.assert_allclose(X_world_hand.position_m, np.tile(X_world_object.position_m, (2, 1)))
 
 
-# -- joints and sizes
+# -- joints
 
 
 def test_angles_are_given_by_joint_name() -> None:
@@ -192,16 +192,6 @@ def test_angles_are_given_by_joint_name() -> None:
     by_name = grasps.posture_by_name()
     assert tuple(by_name) == JOINTS
     np.testing.assert_array_equal(np.stack([by_name[joint] for joint in JOINTS], axis=-1), grasps.posture)
-
-
-def test_sizes_are_replaced_one_by_one_and_the_original_stays() -> None:
-    grasps, sizes_m = make_grasps(2), np.array([0.03, 0.04])
-    with_object = grasps.with_sizes(object_size_m=sizes_m)
-    np.testing.assert_array_equal(with_object.object_size_m, sizes_m)
-    np.testing.assert_array_equal(with_object.grasp_size_m, grasps.grasp_size_m)
-    np.testing.assert_array_equal(grasps.with_sizes(grasp_size_m=sizes_m).grasp_size_m, sizes_m)
-    assert np.isnan(grasps.object_size_m).all()
-    assert_same_grasps(grasps.with_sizes(), grasps)
 
 
 # -- what is refused

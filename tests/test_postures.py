@@ -1,6 +1,8 @@
 """Seed postures that stay human, the human figures they follow, the contact metric, and the shipped prior."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +13,12 @@ from graspcascade.errors import FileFormatError, InputError
 from graspcascade.hands import HandModel
 from graspcascade.nets import save_decoders
 from graspcascade.postures import (
+    PRIOR_TRAINING,
     LabelledPostures,
     PosturePrior,
     SeedSpec,
     contact_metric,
+    fit_prior,
     human_statistics,
     make_seeds,
     type_codes,
@@ -106,6 +110,40 @@ def test_progress_counts_every_seed(hand: HandModel) -> None:
     assert sum(counted) == len(made) == 6
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"per_type": 0}, "per_type must be at least 1, got 0"),
+        ({"seed": -1}, "seed must not be negative, got -1"),
+        ({"aperture_min_m": -0.01}, "aperture_min_m -0.01 and"),
+        ({"aperture_min_m": 0.07}, "the smallest no larger than the largest"),
+        ({"aperture_max_m": np.inf}, "aperture_max_m inf"),
+        ({"aperture_skew": -1.0}, "aperture_skew must be finite and not negative, got -1.0"),
+        ({"human_weight": np.nan}, "human_weight must be finite"),
+        *(
+            ({f"{aim}_tolerance_m": value}, f"{aim}_tolerance_m must be at least 1e-09, got {value}")
+            for aim in ("aperture", "support_plane", "support_reach")
+            for value in (0.0, -0.001, np.nan)
+        ),
+    ],
+)
+def test_seed_settings_that_cannot_be_used_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        SeedSpec(**change)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"aperture_tolerance_m": 1e-9, "support_plane_tolerance_m": 1e-9, "support_reach_tolerance_m": 1e-9},
+        {"aperture_min_m": 0.0, "aperture_max_m": 0.0, "aperture_skew": 0.0, "support_reach_m": 0.0},
+        {"human_weight": 0.0, "normal_weight": 0.0, "draw_spread": 0.0, "seed": 10**22},
+    ],
+)
+def test_seed_settings_at_the_end_of_their_range_can_be_used(hand: HandModel, change: dict[str, Any]) -> None:
+    assert np.isfinite(make_seeds(hand, SeedSpec(per_type=1, **change)).posture).all()
+
+
 # Human figures
 
 
@@ -184,6 +222,16 @@ def test_the_metric_of_a_mixed_batch_is_that_of_each_row(hand: HandModel, seeds:
 
 
 # Prior
+
+
+def test_a_prior_is_not_trained_on_postures_of_other_joints(hand: HandModel, seeds: LabelledPostures) -> None:
+    training = replace(PRIOR_TRAINING, epochs=1)
+    turned = replace(seeds, joint_names=seeds.joint_names[::-1], posture=seeds.posture[:, ::-1])
+    fewer = replace(seeds, joint_names=seeds.joint_names[1:], posture=seeds.posture[:, 1:])
+    for other in (turned, fewer):
+        with pytest.raises(InputError, match=f"labelled postures are of the joints {other.joint_names[0]}, "):
+            fit_prior(hand, other, training)
+    assert fit_prior(hand, seeds, training).joint_names == hand.joint_names
 
 
 def test_the_shipped_prior_fits_the_hand(hand: HandModel, prior: PosturePrior) -> None:

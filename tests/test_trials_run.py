@@ -167,23 +167,31 @@ def test_without_the_shake_a_heavy_object_is_dropped_under_its_weight(
     assert (weighed.duration_s[weighed.verdict == "dropped"] > 2.7).all()
 
 
-@pytest.mark.parametrize("broken", ["posture", "position"])
+@pytest.mark.parametrize("broken", ["posture", "position", "far position"])
 def test_a_trial_that_breaks_is_unstable_and_its_companions_do_not_notice(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, drawn: Grasps, outcomes: Outcomes, short: Protocol, broken: str
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    drawn: Grasps,
+    outcomes: Outcomes,
+    short: Protocol,
+    broken: str,
 ) -> None:
-    monkeypatch.chdir(tmp_path)  # the engine writes its warnings to a file beside it
+    monkeypatch.chdir(tmp_path)  # where the engine would write what it warns of
     some = drawn[:6]
     posture, position = some.posture.copy(), some.X_hand_object.position_m.copy()
     if broken == "posture":
         posture[2] = np.nan
     else:
-        position[2] = np.nan
+        position[2] = np.nan if broken == "position" else 1e12
     bad = replace(with_object_at(some, position), posture=posture)
     found = run(bad, short, n_slots=1)
     assert found.verdict[2] == "unstable"
     assert not found.held[2]
     others = np.array([0, 1, 3, 4, 5])
     assert_same(found[others], outcomes[others])
+    assert capfd.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == []
 
 
 # What an outcome says
@@ -211,6 +219,7 @@ def test_outcomes_agree_with_their_verdicts(outcomes: Outcomes, short: Protocol)
     assert (duration[outcomes.verdict == "dropped"] > shaken).all()
     for column in (outcomes.settled_posture, outcomes.X_hand_object_settled.position_m):
         assert np.isfinite(column[closed]).all()
+    np.testing.assert_array_equal(np.isfinite(outcomes.displacement_m), closed)
     norms = np.linalg.norm(outcomes.X_hand_object_settled.quat_wxyz[closed], axis=1)
     np.testing.assert_allclose(norms, 1)
 

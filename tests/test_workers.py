@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from typing import Any
 import pytest
 
 from graspcascade.errors import FileFormatError, InputError
-from graspcascade.workers import run_jobs
+from graspcascade.workers import WorkerError, run_jobs
 
 Report = Callable[[Any], None]
 
@@ -36,6 +37,10 @@ def fail(error: Exception, report: Report) -> None:
 
 def die(report: Report) -> None:
     os._exit(3)
+
+
+def be_killed(report: Report) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def answer_what_no_file_can_hold(report: Report) -> Any:
@@ -100,9 +105,16 @@ def test_an_error_arrives_as_it_is_and_ends_the_others(error: Exception, started
     assert all(process.returncode is not None for process in started)
 
 
-@pytest.mark.parametrize("job", [die, answer_what_no_file_can_hold])
-def test_a_process_that_cannot_answer_is_an_error(job: Any, started: list[Any]) -> None:
-    with pytest.raises((RuntimeError, AttributeError), match=r"status 3|lambda"):
+@pytest.mark.parametrize(
+    ("job", "errors", "words"),
+    [
+        (die, WorkerError, "status 3 before its job was done; if memory ran out"),
+        (be_killed, WorkerError, "status -9"),
+        (answer_what_no_file_can_hold, (WorkerError, AttributeError), "status 1|lambda"),
+    ],
+)
+def test_a_process_that_cannot_answer_is_an_error(job: Any, errors: Any, words: str, started: list[Any]) -> None:
+    with pytest.raises(errors, match=words):
         run_jobs([go_on_for_ever, job], 2)
     assert all(process.returncode is not None for process in started)
 

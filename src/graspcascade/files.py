@@ -6,6 +6,7 @@ import contextlib
 import errno
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,6 +16,8 @@ from .errors import FileFormatError, InputError
 
 LOCK_FILE = ".lock"
 """Name of the file by which `sole_writer` keeps others out of a folder."""
+_LEFTOVER = re.compile(r"\..+\.\d+\.staged")
+"""Names under which files and folders are written; one that stays was left by a process that was killed."""
 _NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)
 """What some network file systems answer to a lock; it must not keep anybody from writing there."""
 
@@ -77,7 +80,9 @@ def sole_writer(folder: Path) -> Iterator[None]:
     """Keep everybody else who asks for the same from a folder while the block runs.
 
     The lock ends with the process, however that ends; its file is then removed or, after a crash, without effect.
-    Where the system or the file system knows no locks, nobody is kept out.
+    What an earlier writer that was killed left half-written is removed when the block ends well, as the folder is then
+    known to be the block's own. Where the system or the file system knows no locks, nobody is kept out and nothing
+    removed.
 
     Args:
         folder: made if needed.
@@ -92,6 +97,8 @@ def sole_writer(folder: Path) -> Iterator[None]:
     descriptor = _lock(path)
     try:
         yield
+        if descriptor is not None:
+            _remove_leftovers(folder)
     finally:
         if descriptor is not None:
             # Removed while it is still locked: who locks it from here on finds that it has lost its name.
@@ -101,8 +108,8 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
 
 def holds_nothing(folder: Path) -> bool:
-    """Tell whether a folder is empty but for what `sole_writer` may put there."""
-    return all(path.name == LOCK_FILE for path in folder.iterdir())
+    """Tell whether a folder is empty but for what `sole_writer` may put there, or a killed writer leave there."""
+    return all(path.name == LOCK_FILE or _LEFTOVER.fullmatch(path.name) for path in folder.iterdir())
 
 
 def read_json(path: Path) -> Any:
@@ -137,9 +144,11 @@ def _lock(path: Path) -> int | None:
                 f"another process is writing to {path.parent}; wait until it is done, or give another folder"
             ) from None
         except OSError as error:
+            os.close(descriptor)
             if error.errno not in _NO_LOCKS:
-                os.close(descriptor)
                 raise
+            path.unlink(missing_ok=True)
+            return None
         if _is_at(descriptor, path):
             return descriptor
         os.close(descriptor)
@@ -154,5 +163,23 @@ def _is_at(descriptor: int, path: Path) -> bool:
 
 
 def _staged(path: Path) -> Path:
+    """Give the name to write under, free of what a killed process of this one's number left there."""
     # Hidden, and of this process alone: others may be writing the same file.
-    return path.with_name(f".{path.name}.{os.getpid()}.staged")
+    staged = path.with_name(f".{path.name}.{os.getpid()}.staged")
+    _remove(staged)
+    return staged
+
+
+def _remove_leftovers(folder: Path) -> None:
+    for path in folder.iterdir():
+        if _LEFTOVER.fullmatch(path.name):
+            # They are litter, not harm: what cannot be removed must not spoil what was just done.
+            with contextlib.suppress(OSError):
+                _remove(path)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

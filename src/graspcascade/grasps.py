@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -97,14 +97,6 @@ class Grasps:
             raise InputError("only grasps of the same joints can be joined, and at least one batch is needed")
         columns = [p.columns() for p in parts]
         return cls.from_columns(parts[0].joint_names, {k: np.concatenate([c[k] for c in columns]) for k in columns[0]})
-
-    def with_sizes(self, grasp_size_m: Array | None = None, object_size_m: Array | None = None) -> Grasps:
-        """Replace one or both sizes."""
-        return replace(
-            self,
-            grasp_size_m=self.grasp_size_m if grasp_size_m is None else grasp_size_m,
-            object_size_m=self.object_size_m if object_size_m is None else object_size_m,
-        )
 
     def hand_pose(self, X_world_object: Pose) -> Pose:
         """Place the hand so that each grasp's relative pose is kept.

@@ -1,10 +1,11 @@
-"""The machine underneath: its processors, the memory that a process has needed, and what child processes inherit."""
+"""The machine underneath: processors, the memory a process has needed, what child processes inherit, versions."""
 
 from __future__ import annotations
 
 import os
 import platform
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 
@@ -35,6 +36,14 @@ def peak_rss_mb(max_rss: int | None = None) -> float:
 def processors() -> int:
     """Count the processors that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
+def versions() -> dict[str, str]:
+    """Name the versions that numbers depend on."""
+    return {name: version(name) for name in ("graspcascade", "mujoco", "numpy", "scipy")} | {
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+    }
 
 
 def child_environment(**variables: str) -> dict[str, str]:

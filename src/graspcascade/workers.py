@@ -31,6 +31,10 @@ _SERVE = (
 )
 
 
+class WorkerError(ChildProcessError):
+    """Report a process that ended before its job was done, as when the system was out of memory."""
+
+
 def run_jobs(
     jobs: Sequence[Callable[[Callable[[Report], None]], Result]],
     workers: int = 0,
@@ -47,7 +51,7 @@ def run_jobs(
 
     Raises:
         InputError: `workers` is negative.
-        RuntimeError: a process died.
+        WorkerError: a process died.
         Exception: what the first job to fail raised.
     """
     if workers < 0:
@@ -100,7 +104,10 @@ class _Crew:
         try:
             kind, value = self._converse(process, number, job)
         except (EOFError, BrokenPipeError, pickle.UnpicklingError) as error:
-            raise RuntimeError(f"a process ended with status {process.wait()} before its job was done") from error
+            raise WorkerError(
+                f"a process ended with status {process.wait()} before its job was done; "
+                "if memory ran out, fewer at a time need less"
+            ) from error
         self._idle.append(process)
         if kind == "error":
             raise value

@@ -7,8 +7,7 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from ..dataset.collect import versions
-from ..machine import cpu_model, processors
+from ..machine import cpu_model, processors, versions
 
 
 def environment(threads: int) -> dict[str, Any]:

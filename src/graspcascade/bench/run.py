@@ -147,7 +147,7 @@ def _trials(
     spec: BenchSpec, parts: Sequence[str], threads: int, cells: Sequence[tuple[str, str]] | None, watch: _Watch
 ) -> dict[str, Any]:
     from ..cascade import GraspSampler
-    from ..dataset.collect import CELLS
+    from ..cells import CELLS
     from ..evaluation import ROUND_PER_CELL, heuristic_source, model_source
     from ..hands import shadow_hand
     from ..postures import PosturePrior

@@ -17,8 +17,8 @@ from ..cascade import CascadeTraining, GraspSampler, factorization, fit_cascade
 from ..cascade.fit import StageJob
 from ..cascade.material import prepare
 from ..cascade.stages import Factorization
+from ..cells import CELLS
 from ..dataset import Dataset, load_dataset
-from ..dataset.collect import CELLS
 from ..errors import InputError
 from ..hands import HandModel
 from ..nets import EpochRecord, TrainingSpec, VaeSpec

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..candidates import draw_sides
+from ..cells import CELLS
 from ..dataset import CollectionSpec, collect
-from ..dataset.collect import CELLS, draw_round
+from ..dataset.collect import draw_round
 from ..evaluation import Source, evaluate
 from ..grasps import Grasps
 from ..hands import HandModel

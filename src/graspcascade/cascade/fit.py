@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..dataset import Dataset
-from ..dataset.collect import versions
 from ..dataset.shards import shards_digest
 from ..errors import InputError
 from ..files import write_json
 from ..hands import HandModel
+from ..machine import versions
 from ..nets import EpochRecord, NumpyDecoder, TrainingSpec, VaeSpec
 from ..workers import run_jobs
 from .encoding import condition_matrix, vae_spec

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..candidates import opposition_points
 from ..dataset import Dataset
-from ..errors import InputError
+from ..errors import InputError, unknown
 from ..grasps import Grasps
 from ..hands import HandModel
 from ..nets import TrainingSpec
@@ -24,21 +24,30 @@ from .sizes import SizeRule
 from .stages import Factorization, Target
 
 Array = NDArray[np.float64]
+LearnFrom = Literal["faithful", "held"]
+ObjectPose = Literal["placed", "settled"]
+_FINGERTIP_ERRORS_M = (1e-9, 1e9)
+"""Beyond these bounds the weight of the contact metric, an inverse square, is no longer a number."""
 
 
 @dataclass(frozen=True)
 class CascadeTraining:
-    """Say what to learn from and how long."""
+    """Say what to learn from and how long.
 
-    learn_from: Literal["faithful", "held"] = "faithful"
+    Raises:
+        InputError: an unknown name or a value out of range.
+    """
+
+    learn_from: LearnFrom = "faithful"
     """Which successes: those that also touch every digit their type needs, or all that held."""
-    object_pose: Literal["placed", "settled"] = "placed"
+    object_pose: ObjectPose = "placed"
     """The object's pose to learn: where the candidate put it, or where closing left it."""
     most_repeats: int = 20
     """Grasps of an object and type that has fewer than most are repeated up to so many times, so that all are learned
     alike; 1 for never."""
     fold_rotations: bool = True
-    """Replace rotations by their images under the object's symmetry that lie nearest to one reference."""
+    """Learn of each rotation the one image under the object's symmetry that lies nearest to a reference; else all of
+    them as they come."""
     fingertip_error_m: float = 0.002
     """Error of the contact places that counts as much as one standard deviation of a joint angle."""
     position_weight: float = 4.0
@@ -47,6 +56,21 @@ class CascadeTraining:
         default_factory=lambda: TrainingSpec(epochs=80, max_steps=10_000, batch_size=512, learning_rate=4e-3)
     )
     """The training loop of every stage; its metric weight is set from the fingertip error."""
+
+    def __post_init__(self) -> None:
+        if self.learn_from not in get_args(LearnFrom):
+            raise unknown("choice of grasps to learn from", self.learn_from, get_args(LearnFrom))
+        if self.object_pose not in get_args(ObjectPose):
+            raise unknown("object pose to learn", self.object_pose, get_args(ObjectPose))
+        if not self.most_repeats >= 1:
+            raise InputError(f"most_repeats must be at least 1, got {self.most_repeats}")
+        least, most = _FINGERTIP_ERRORS_M
+        if not least <= self.fingertip_error_m <= most:
+            raise InputError(f"fingertip_error_m must be from {least:g} to {most:g}, got {self.fingertip_error_m}")
+        if not 0.0 < self.position_weight < np.inf:
+            raise InputError(f"position_weight must be positive and finite, got {self.position_weight}")
+        if self.training.metric_weight:
+            raise InputError("metric_weight follows from fingertip_error_m in a cascade; give that instead")
 
 
 @dataclass(frozen=True)

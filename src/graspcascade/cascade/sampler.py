@@ -24,7 +24,7 @@ from ..poses import Pose, canonical_quat
 from ..taxonomy import grasp_type
 from .encoding import Request, condition, encode_posture, encode_request, shared_quantities, split_targets
 from .frames import in_hand
-from .sizes import SizeMode, SizeRule
+from .sizes import SizeMode, SizeRule, check_size_mode
 from .stages import Factorization, Quantity, Target, factorization_from_json
 
 Array = NDArray[np.float64]
@@ -47,6 +47,9 @@ class GraspSampler:
         metadata: what it was trained on and how.
         size_mode: how sizes are chosen from `sizes`.
         measured: trials of its evaluation by "type/object": ``{"held", "n", "protocol"}``; empty before there is one.
+
+    Raises:
+        InputError: an unknown size mode.
     """
 
     name: str
@@ -57,6 +60,9 @@ class GraspSampler:
     metadata: dict[str, Any]
     size_mode: SizeMode = "best"
     measured: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_size_mode(self.size_mode)
 
     @classmethod
     def pretrained(cls, name: str = "default") -> GraspSampler:
@@ -91,6 +97,8 @@ class GraspSampler:
             missing = [stage.name for stage in factorization.stages if stage.name not in stored.decoders]
         except (KeyError, TypeError) as error:
             raise FileFormatError(f"{path} lacks or garbles {error}") from error
+        except InputError as error:
+            raise FileFormatError(f"{path} cannot be read: {error}") from error
         if missing:
             raise FileFormatError(f"{path} lacks the weights of stage {', '.join(missing)}")
         sampler = cls(factorization.name, hand, factorization, stored.decoders, sizes, about["training"])
@@ -149,7 +157,8 @@ class GraspSampler:
             seed: seed of all draws.
 
         Raises:
-            InputError: an unknown name, a side that cannot be held, n < 1 or a negative seed.
+            InputError: an unknown name, a side that cannot be held, n < 1, a negative seed, or, unless sizes are the
+                paper's, a type that was never seen in training.
         """
         kind, obj = grasp_type(grasp_type_name), grasp_object(object_label)
         if n < 1:
@@ -164,7 +173,18 @@ class GraspSampler:
     def sample_rows(
         self, grasp_types: ArrayLike, object_labels: ArrayLike, side_axes: ArrayLike, rng: np.random.Generator
     ) -> Grasps:
-        """Draw one grasp for each row of types, objects and (canonical) side axes."""
+        """Draw one grasp for each row; the same generator state gives the same grasps.
+
+        Args:
+            grasp_types: ``(n,)`` names.
+            object_labels: ``(n,)`` labels of catalogue objects.
+            side_axes: ``(n,)`` body axes to hold them by.
+            rng: source of all draws.
+
+        Raises:
+            InputError: an unknown name, a side that cannot be held, lengths that differ, or, unless sizes are the
+                paper's, a type that was never seen in training.
+        """
         request = self._request(grasp_types, object_labels, side_axes, rng)
         quantities: dict[Quantity, Array] = dict(encode_request(request))
         shared = shared_quantities(request)
@@ -186,10 +206,17 @@ class GraspSampler:
     def _request(
         self, grasp_types: ArrayLike, object_labels: ArrayLike, side_axes: ArrayLike, rng: np.random.Generator
     ) -> Request:
-        types, labels, axes = (np.asarray(v, dtype=str) for v in (grasp_types, object_labels, side_axes))
-        request = Request(types, labels, axes, *np.empty((3, len(types))))
-        sides = [_side_m(label, axis) for _, label, axis in request.cells.names.tolist()]
-        request.side_m[:] = np.array(sides)[request.cells.of_row]
+        columns = [np.asarray(names, dtype=str) for names in (grasp_types, object_labels, side_axes)]
+        shapes = [names.shape for names in columns]
+        if len(set(shapes)) > 1 or len(shapes[0]) != 1:
+            raise InputError(f"types, objects and side axes must be as many names each, got shapes {shapes}")
+        request = Request(*columns, *np.empty((3, len(columns[0]))))
+        cells = request.cells
+        spelled, sides = _checked(cells.names)
+        request.side_m[:] = sides[cells.of_row]
+        if (spelled != cells.names).any():
+            kinds, labels, axes = (names[cells.of_row] for names in spelled.T)
+            request = replace(request, grasp_type=kinds, object_label=labels, side_axis=axes)
         request.grasp_size_m[:], request.object_size_m[:] = self.sizes.apply(request, self.size_mode, rng)
         return request
 
@@ -234,11 +261,19 @@ def shipped_folder(name: str = "default") -> Path:
     return weights / chosen
 
 
-def _side_m(object_label: str, axis: str) -> float:
-    sides = grasp_object(object_label).sides_m
-    if axis not in sides:
-        raise unknown("side axis", axis, sides)
-    return sides[axis]
+def _checked(cells: NDArray[np.str_]) -> tuple[NDArray[np.str_], Array]:
+    """Spell types, objects and side axes ``(m, 3)`` as their tables do, and give the sides ``(m,)`` in metres.
+
+    Raises:
+        InputError: an unknown name, or a side that cannot be held.
+    """
+    spelled, sides = [], []
+    for kind, label, axis in cells.tolist():
+        obj = grasp_object(label)
+        canonical = obj.side_axis(axis)
+        spelled.append((grasp_type(kind).name, obj.label, canonical))
+        sides.append(obj.sides_m[canonical])
+    return np.array(spelled, dtype=str).reshape(-1, 3), np.array(sides)
 
 
 def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:

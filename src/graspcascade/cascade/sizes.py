@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, unknown
 from ..intervals import wilson_bounds
 from .encoding import Request
 
@@ -21,6 +21,7 @@ PAPER_OBJECT_OFFSET_M = 0.010
 """The paper's object size minus side (section V)."""
 _KNOTS = np.linspace(0.05, 0.95, 19)
 _MIN_GRASPS = 10
+"""Fewer in a cell say little, so that a wider one speaks for it."""
 _WINDOW_M = 0.003
 """Half-width of the window of grasp sizes over which a success rate is measured."""
 _LEAST_SHARE = 0.02
@@ -62,7 +63,7 @@ class SizeRule:
         for level in map(np.array, zip(*levels, strict=True)):
             for key in np.unique(level):
                 rows = (level == key)[cells.of_row]
-                good = next((s for s in (success, held) if (rows & s).sum() >= _MIN_GRASPS), None)
+                good = _measured_on(rows, success, held, is_type="/" not in key)
                 if good is None:
                     continue
                 some = rows & good
@@ -82,8 +83,9 @@ class SizeRule:
             rng: source of the draws; used in every mode, so that modes stay comparable.
 
         Raises:
-            InputError: a type was never seen in training.
+            InputError: a type was never seen in training, or an unknown mode.
         """
+        check_size_mode(mode)
         share = rng.uniform(size=len(request.side_m))
         if mode == "paper":
             return request.side_m + PAPER_GRASP_OFFSET_M, request.side_m + PAPER_OBJECT_OFFSET_M
@@ -114,6 +116,26 @@ class SizeRule:
             "grasp_offsets_m": self.grasp_offsets_m,
             "object_offset_m": self.object_offset_m,
         }
+
+
+def check_size_mode(mode: str) -> None:
+    """Check the name of a choice of sizes (see `SizeRule.apply`).
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if mode not in get_args(SizeMode):
+        raise unknown("size mode", mode, get_args(SizeMode))
+
+
+def _measured_on(
+    rows: NDArray[np.bool_], success: NDArray[np.bool_], held: NDArray[np.bool_], *, is_type: bool
+) -> NDArray[np.bool_] | None:
+    """Choose what to measure a cell on, the successes or all that held; None where both are too few."""
+    choices = [(success, _MIN_GRASPS), (held, _MIN_GRASPS)]
+    if is_type:  # Nothing is wider, and every grasp that is learned from needs a size.
+        choices.append((success, 1))
+    return next((good for good, least in choices if (rows & good).sum() >= least), None)
 
 
 def _levels(key: str) -> tuple[str, str, str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from ..errors import unknown
 
@@ -31,6 +31,9 @@ class Stage:
         latent_dim: length of the latent vector.
         hidden: widths of the hidden layers.
         kl_weight: weight of the divergence term.
+
+    Raises:
+        InputError: an unknown target, quantity or rotation head.
     """
 
     name: str
@@ -40,6 +43,16 @@ class Stage:
     latent_dim: int = 4
     hidden: tuple[int, ...] = (256, 256)
     kl_weight: float = 0.5
+
+    def __post_init__(self) -> None:
+        for kind, names, valid in (
+            ("target", self.targets, Target),
+            ("quantity", self.given, Quantity),
+            ("rotation head", (self.rotation_head,), RotationHead),
+        ):
+            for name in names:
+                if name not in get_args(valid):
+                    raise unknown(kind, name, get_args(valid))
 
 
 @dataclass(frozen=True)
@@ -52,12 +65,19 @@ class Factorization:
         frame: poses are learned in the "hand" frame, or relative to the "opposition" frame, which forward kinematics
             gives for every posture.
         source: the table row of the paper it reproduces.
+
+    Raises:
+        InputError: an unknown frame.
     """
 
     name: str
     stages: tuple[Stage, ...]
     frame: Frame = "hand"
     source: str = ""
+
+    def __post_init__(self) -> None:
+        if self.frame not in get_args(Frame):
+            raise unknown("frame", self.frame, get_args(Frame))
 
 
 _ALL: tuple[Quantity, ...] = ("grasp_type", "grasp_size", "object_type", "object_size")
@@ -147,6 +167,7 @@ def factorization_from_json(data: dict[str, Any]) -> Factorization:
 
     Raises:
         KeyError, TypeError: a field is missing or unknown.
+        InputError: a name is unknown.
     """
 
     def stage(fields: dict[str, Any]) -> Stage:

@@ -75,7 +75,7 @@ class Hands:
         meant = [name for name in hands if name == self.name] or [name for name in hands if name.startswith(self.name)]
         if len(meant) != 1 or not self.name:
             raise unknown("hand", self.name, hands)
-        from .hand_facts import hand_facts
+        from ..hands.facts import hand_facts
 
         facts = hand_facts(hands[meant[0]])
         if self.json:

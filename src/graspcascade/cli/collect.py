@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..cells import cell_name
 from ..dataset import CollectionSpec, collect
-from ..dataset.collect import CollectionState, cell_name
+from ..dataset.collect import CollectionState
 from ..hands import shadow_hand
 from ..objects import CATALOGUE
 from ..postures import PosturePrior
@@ -39,10 +40,11 @@ class Collect:
     def run(self) -> None:
         """Collect, then say how much there is."""
         need("pyarrow")
-        at_least("seed", self.spec.seed, 0)
         at_least("threads", self.threads, 0)
         prior = PosturePrior.pretrained() if self.prior is None else PosturePrior.load(self.prior)
         told: set[str] = set()
+        done = most = in_round = 0
+        rate = ""
 
         def tell(words: str) -> None:
             if words not in told:
@@ -52,11 +54,20 @@ class Collect:
         with bar(self._goal[0], self._target) as progress:
 
             def report(state: CollectionState) -> None:
+                nonlocal done, most, in_round, rate
                 if state.lost and not told:
                     tell(f"missing or changed shards are collected again: {', '.join(state.lost)}")
                 for cell in state.rare(self.spec):
                     tell(f"{cell_name(cell)} hardly ever holds; --most-trials-per-cell gives such cells up")
-                progress.show(self._done(state), note=f"held {_rate(state)}")
+                done, most, in_round = self._done(state), self._done_after_a_round(state), 0
+                rate = f"held {_rate(state)}"
+                progress.show(done, note=rate)
+
+            def tick(decided: int) -> None:
+                nonlocal done, in_round
+                # Decided trials are not all of what is counted: some are more than a cell needs, or do not hold.
+                done, in_round = min(done + decided, most), in_round + decided
+                progress.show(done, note=f"{rate}, {in_round} trials into the round")
 
             state = collect(
                 shadow_hand(),
@@ -66,7 +77,7 @@ class Collect:
                 creep=None if self.full else COLLECTION,
                 n_threads=self.threads,
                 progress=report,
-                tick=progress.advance,
+                tick=tick,
             )
         trials, held, faithful = (int(counts.sum()) for counts in (state.trials, state.held, state.faithful))
         if self.json:
@@ -78,9 +89,9 @@ class Collect:
                 f"{self.out}: {trials} screened trials under protocol paper, {held} held ({_rate(state)}), "
                 f"{faithful} type-faithful"
             )
-            given_up = [cell_name(cell) for cell in state.short(self.spec)]
+            given_up = [f"{cell_name(cell)} ({state.trials[cell]} trials)" for cell in state.short(self.spec)]
             if given_up:
-                print(f"given up after {self.spec.most_trials_per_cell} trials: {', '.join(given_up)}")
+                print(f"given up: {', '.join(given_up)}")
 
     @property
     def _goal(self) -> tuple[str, int]:
@@ -95,6 +106,13 @@ class Collect:
     def _done(self, state: CollectionState) -> int:
         what, per_cell = self._goal
         return int(np.minimum(getattr(state, what), per_cell).sum())
+
+    def _done_after_a_round(self, state: CollectionState) -> int:
+        """Give how many will surely count after one more round of all cells; who holds is not known before its end."""
+        what, per_cell = self._goal
+        if what == "held":
+            return self._done(state)
+        return int(np.minimum(state.trials + self.spec.round_per_cell, per_cell).sum())
 
 
 def _rate(state: CollectionState) -> str:

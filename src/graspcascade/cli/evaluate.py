@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..errors import InputError
 from ..evaluation import HEURISTIC, Evaluation, Source, Tally, evaluate, heuristic_source, model_source
 from ..trials import protocol
 from .console import at_least, bar, interval, print_json, print_table
@@ -22,7 +23,7 @@ class Evaluate:
     protocol: str = "paper"
     """Trial protocol; every rate is quoted with its name."""
     prior: Path | None = None
-    """Posture prior of the heuristic (.safetensors); the shipped one without it."""
+    """Posture prior of the heuristic (.safetensors), refused with a model; the shipped one without it."""
     seed: int = 0
     """Seed of every draw."""
     out: Path | None = None
@@ -37,6 +38,8 @@ class Evaluate:
         at_least("per-cell", self.per_cell, 1)
         at_least("seed", self.seed, 0)
         at_least("threads", self.threads, 0)
+        if self.prior is not None and self.model != HEURISTIC:
+            raise InputError(f"a prior is the heuristic's; give --model {HEURISTIC} with it, got --model {self.model}")
         chosen = protocol(self.protocol)
         name, source, metadata = self._source()
         with bar(f"trials of {name}") as progress:

@@ -20,7 +20,7 @@ from ..postures import (
     make_seeds,
 )
 from ..taxonomy import GRASP_TYPES
-from .console import at_least, bar, percent, print_json, print_table
+from .console import bar, percent, print_json, print_table
 from .needs import need
 
 
@@ -37,8 +37,6 @@ class Seeds:
 
     def run(self) -> None:
         """Make the seeds, write them, print the table."""
-        at_least("per-type", self.spec.per_type, 1)
-        at_least("seed", self.spec.seed, 0)
         if self.out is not None:
             _check_file(self.out, ".csv")
         seeds = _make_seeds(self.spec)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -14,9 +15,10 @@ from ..cascade import GraspSampler
 from ..errors import InputError
 from ..formats import GraspDocument, check_target, document_to_json, save_grasps
 from ..grasps import Grasps
+from ..intervals import wilson
 from ..objects import grasp_object
 from ..poses import Pose
-from .console import at_least, print_json, print_table
+from .console import at_least, interval, print_json, print_table
 from .models import load_sampler
 
 PoseNumbers = tuple[float, float, float, float, float, float, float]
@@ -83,6 +85,7 @@ class Sample:
             print(f"wrote {len(grasps)} grasps to {self.out}")
         else:
             _print_summary(grasps, placed)
+            _print_measured(metadata["measured"])
         if self.picture is not None and not self.json:
             print(f"drew {min(len(grasps), _PICTURED)} of {len(grasps)} grasps in {self.picture}")
 
@@ -112,19 +115,15 @@ def _draw(path: Path, grasps: Grasps) -> None:
 
 def _print_summary(grasps: Grasps, placed: Pose | None) -> None:
     print(f"{grasps.grasp_type[0]} grasps of {grasps.object_label[0]}; the object in the hand (palm) frame:")
-    pose = grasps.X_hand_object
-    rows = [
-        [
-            str(i),
-            f"{grasps.side_axis[i]} {grasps.side_m[i] * 100:g}",
-            f"{grasps.grasp_size_m[i] * 100:.1f}",
-            _chance(float(grasps.probability[i])),
-            _numbers(pose.position_m[i] * 1000, "6.1f"),
-            _numbers(pose.quat_wxyz[i], "6.3f"),
-        ]
-        for i in range(len(grasps))
-    ]
-    print_table(["#", "side\ncm", "grasp\ncm", "P(hold)", "position mm\n(x y z)", "quaternion\n(w x y z)"], rows)
+    pose, numbers = grasps.X_hand_object, range(len(grasps))
+    columns = {
+        "#": [str(i) for i in numbers],
+        "side\ncm": [f"{grasps.side_axis[i]} {grasps.side_m[i] * 100:g}" for i in numbers],
+        "grasp\ncm": [f"{grasps.grasp_size_m[i] * 100:.1f}" for i in numbers],
+        "position mm\n(x y z)": [_numbers(pose.position_m[i] * 1000, "6.1f") for i in numbers],
+        "quaternion\n(w x y z)": [_numbers(pose.quat_wxyz[i], "6.3f") for i in numbers],
+    }
+    print_table(list(columns), [list(row) for row in zip(*columns.values(), strict=True)])
     if placed is not None:
         hand = grasps.hand_pose(placed)
         print("hand (palm) frame in the world, for the object pose given:")
@@ -140,5 +139,8 @@ def _numbers(values: np.ndarray[Any, np.dtype[np.float64]], form: str) -> str:
     return " ".join(format(float(value), form) for value in values)
 
 
-def _chance(probability: float) -> str:
-    return "-" if np.isnan(probability) else f"{probability:.2f}"
+def _print_measured(cells: Mapping[str, Mapping[str, Any]]) -> None:
+    """Tell what became of other grasps of the same type and object, where the model was evaluated."""
+    for found in cells.values():
+        of_all = wilson(found["held"], found["n"]).to_json()
+        print(f"Of {found['n']} such grasps, tried under protocol {found['protocol']}, held: {interval(of_all)}.")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..cascade import CascadeTraining, factorization, fit_cascade
 from ..dataset import load_dataset
 from ..errors import InputError
+from ..files import write_folder_staged
 from ..hands import shadow_hand
 from ..nets import EpochRecord
 from .console import Bar, at_least, bar, print_json
@@ -37,13 +39,13 @@ class Train:
         need("torch")
         at_least("workers", self.workers, 0)
         chosen = factorization(self.factorization)
-        if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
-            raise InputError(f"{self.out} is not empty; give a new or empty folder")
+        out = _replaceable(self.out)
         dataset = load_dataset(self.data)
+        out.parent.mkdir(parents=True, exist_ok=True)
         with bar("training") as progress:
             epochs = Epochs(progress, len(chosen.stages))
             fitted = fit_cascade(shadow_hand(), dataset, chosen, self.training, epochs.show, self.workers)
-        fitted.save(self.out)
+        write_folder_staged(out, fitted.save)
         losses = {name: records[-1].train_loss for name, records in fitted.history.items()}
         if self.json:
             print_json({"out": str(self.out), "factorization": chosen.name, "final_loss": losses})
@@ -67,6 +69,24 @@ class Epochs:
         going = [name for name, latest in self._latest.items() if name == stage or latest.epoch < latest.epochs]
         losses = ", ".join(f"{name} {_loss(self._latest[name]):.3f}" for name in going)
         self._progress.show(done, self._n_stages * record.epochs, f"loss: {losses}")
+
+
+def _replaceable(folder: Path) -> Path:
+    """Resolve the folder to write, which is moved into place when it is done: what would not go is refused before.
+
+    Raises:
+        InputError: it holds something, or cannot be put in place of what is there.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder} is not empty; give a new or empty folder")
+    folder = folder.resolve()
+    stays = folder.is_dir() and (folder.is_mount() or folder.samefile(Path.cwd()))
+    if stays or (folder.parent.is_dir() and not os.access(folder.parent, os.W_OK)):
+        raise InputError(
+            f"{folder} cannot be put in place when it is done, being the working directory, a mount point or in a "
+            "folder that is read-only; give a folder inside it or elsewhere"
+        )
+    return folder
 
 
 def _loss(record: EpochRecord) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +9,7 @@ from typing import Annotated, Any
 from tyro.conf import Positional, arg
 
 from ..errors import InputError
-from ..files import write_text
+from ..files import write_json
 from ..formats import check_file_place, load_executable
 from ..grasps import Grasps
 from ..hands import SHADOW_HAND
@@ -44,13 +43,15 @@ class Trial:
             if self.out.suffix.lower() != ".json":
                 raise InputError(f"a trial report is a .json file, got {self.out.name!r}")
             check_file_place(self.out)
+            if self.out.exists() and self.grasps.exists() and self.out.samefile(self.grasps):
+                raise InputError(f"{self.out} holds the grasps; give the report another name")
         document = load_executable(self.grasps, SHADOW_HAND, trust_pickle=self.trust_pickle)
         grasps = document.grasps
         with bar("trials", len(grasps)) as progress:
             outcomes = run(grasps, chosen, n_threads=self.threads, progress=progress.advance)
         report = plain(_report(grasps, outcomes, chosen.name, document.metadata.get("model")))
         if self.out is not None:
-            write_text(self.out, json_module.dumps(report, indent=1, allow_nan=False) + "\n")
+            write_json(self.out, report, allow_nan=False)
         if self.json:
             print_json(report)
         else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..candidates import candidates, cannot_touch, draw_sides
+from ..cells import CELLS
 from ..errors import InputError
 from ..files import holds_nothing, sole_writer
 from ..grasps import Grasps
 from ..hands import HandModel
-from ..machine import peak_rss_mb
+from ..machine import peak_rss_mb, versions
 from ..objects import CATALOGUE
 from ..postures import PosturePrior
-from ..taxonomy import GRASP_TYPES
 from ..trials import COLLECTION, PAPER, CreepProjection, Protocol, run
 from .schema import SCHEMA_VERSION, to_columns
 from .shards import (
@@ -34,17 +33,10 @@ from .shards import (
     write_shard,
 )
 
-CELLS: tuple[tuple[str, str], ...] = tuple((label, name) for label in CATALOGUE for name in GRASP_TYPES)
-"""Every (object label, grasp type), the unit that collection fills evenly."""
 MOST_DRAWS_PER_TRIAL = 1000
 """Candidates drawn of a cell for each trial of a round before it is called hopeless; the shipped prior needs three."""
 RARE_RATE, RARE_AFTER_TRIALS = 0.05, 1000
 """An object and type of which less than this share holds, after so many trials, is hardly worth waiting for."""
-
-
-def cell_name(cell: int) -> str:
-    """Name one of `CELLS` by its index."""
-    return "/".join(CELLS[cell])
 
 
 @dataclass(frozen=True)
@@ -52,24 +44,28 @@ class CollectionSpec:
     """Say how much to collect; collection ends when every cell has enough of both."""
 
     trials_per_cell: int = 1200
-    """Trials for each object and type; 0 asks for none."""
+    """Trials for each object and type, rounded up to whole rounds; 0 asks for none."""
     successes_per_cell: int = 0
     """Held grasps for each object and type; 0 asks for none."""
     most_trials_per_cell: int = 0
-    """A cell is given up after so many trials, whatever it lacks; 0 for never. Some cells hardly ever hold."""
+    """A cell is given up after the round that reaches so many trials, whatever it lacks; 0 for never. Some cells hardly
+    ever hold."""
     round_per_cell: int = 200
     """Trials of an unfinished cell in one round; a round is one shard and all that an interruption can lose."""
     seed: int = 0
     """Seed of every draw; the same seed gives the same rows whatever the threads or interruptions."""
 
     def __post_init__(self) -> None:
-        """Check the counts.
+        """Check the numbers.
 
         Raises:
-            InputError: a count is negative, a round is empty or nothing is asked for.
+            InputError: one is negative, a round is empty or nothing is asked for.
         """
-        if min(self.trials_per_cell, self.successes_per_cell, self.most_trials_per_cell) < 0 or self.round_per_cell < 1:
-            raise InputError("trials and successes per cell must not be negative and a round needs at least 1 trial")
+        for name in ("trials_per_cell", "successes_per_cell", "most_trials_per_cell", "seed"):
+            if not getattr(self, name) >= 0:
+                raise InputError(f"{name} must not be negative, got {getattr(self, name)}")
+        if not self.round_per_cell >= 1:
+            raise InputError(f"round_per_cell must be at least 1, got {self.round_per_cell}")
         if self.trials_per_cell == 0 and self.successes_per_cell == 0:
             raise InputError("nothing to collect: give trials_per_cell or successes_per_cell")
 
@@ -222,14 +218,6 @@ def draw_round(
             missing -= len(useful)
         parts.extend(kept)
     return Grasps.concatenate(parts), skipped
-
-
-def versions() -> dict[str, str]:
-    """Name the versions that numbers depend on."""
-    return {name: version(name) for name in ("graspcascade", "mujoco", "numpy", "scipy")} | {
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-    }
 
 
 def _open(

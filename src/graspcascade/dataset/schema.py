@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..columns import Columns, gather, gather_pose, spread, spread_pose
 from ..errors import FileFormatError
 from ..grasps import Grasps
 from ..poses import Pose, canonical_quat
 from ..trials import TOUCH_COLUMNS, Outcomes
+
+__all__ = ["SCHEMA_VERSION", "from_columns", "to_columns"]
 
 SCHEMA_VERSION = 1
 
 _LABELS = ("grasp_type", "object_label", "side_axis")
 _GRASP_NUMBERS = ("side_m", "grasp_size_m")
 _OUTCOME_NUMBERS = ("object_size_m", "displacement_m", "duration_s")
-_XYZ, _WXYZ = ("x_m", "y_m", "z_m"), ("qw", "qx", "qy", "qz")
-
-Columns = dict[str, NDArray[Any]]
 
 
 def to_columns(grasps: Grasps, outcomes: Outcomes) -> Columns:
@@ -35,12 +35,12 @@ def to_columns(grasps: Grasps, outcomes: Outcomes) -> Columns:
     columns["faithful"] = outcomes.faithful(grasps)
     columns |= {name: getattr(grasps, name) for name in _GRASP_NUMBERS}
     columns |= {name: getattr(outcomes, name) for name in _OUTCOME_NUMBERS}
-    columns |= _spread("posture", grasps.joint_names, grasps.posture)
-    columns |= _spread("settled", grasps.joint_names, outcomes.settled_posture)
-    columns |= _spread_pose("object", grasps.X_hand_object)
-    columns |= _spread_pose("settled_object", outcomes.X_hand_object_settled)
-    columns |= _spread("touch_closed", TOUCH_COLUMNS, outcomes.touching_closed)
-    columns |= _spread("touch_end", TOUCH_COLUMNS, outcomes.touching_end)
+    columns |= spread("posture", grasps.joint_names, grasps.posture)
+    columns |= spread("settled", grasps.joint_names, outcomes.settled_posture)
+    columns |= spread_pose("object", grasps.X_hand_object)
+    columns |= spread_pose("settled_object", outcomes.X_hand_object_settled)
+    columns |= spread("touch_closed", TOUCH_COLUMNS, outcomes.touching_closed)
+    columns |= spread("touch_end", TOUCH_COLUMNS, outcomes.touching_end)
     return {name: v.astype(np.float32) if v.dtype == np.float64 else v for name, v in columns.items()}
 
 
@@ -59,19 +59,19 @@ def from_columns(
             joint_names=joint_names,
             **{name: np.asarray(columns[name], dtype=str) for name in _LABELS},
             side_m=numbers["side_m"],
-            posture=_gather(columns, "posture", joint_names),
+            posture=gather(columns, "posture", joint_names),
             pregrasp=np.broadcast_to(pregrasp, (n, len(joint_names))).copy(),
-            X_hand_object=_gather_pose(columns, "object"),
+            X_hand_object=_unit_pose(columns, "object"),
             grasp_size_m=numbers["grasp_size_m"],
             object_size_m=numbers["object_size_m"],
             probability=np.full(n, np.nan),
         )
         outcomes = Outcomes(
             verdict=np.asarray(columns["verdict"], dtype=str),
-            touching_closed=_gather(columns, "touch_closed", TOUCH_COLUMNS).astype(bool),
-            touching_end=_gather(columns, "touch_end", TOUCH_COLUMNS).astype(bool),
-            settled_posture=_gather(columns, "settled", joint_names),
-            X_hand_object_settled=_gather_pose(columns, "settled_object"),
+            touching_closed=gather(columns, "touch_closed", TOUCH_COLUMNS).astype(bool),
+            touching_end=gather(columns, "touch_end", TOUCH_COLUMNS).astype(bool),
+            settled_posture=gather(columns, "settled", joint_names),
+            X_hand_object_settled=_unit_pose(columns, "settled_object"),
             object_size_m=numbers["object_size_m"],
             displacement_m=numbers["displacement_m"],
             duration_s=numbers["duration_s"],
@@ -81,18 +81,7 @@ def from_columns(
     return grasps, outcomes
 
 
-def _spread(prefix: str, names: tuple[str, ...], values: NDArray[Any]) -> Columns:
-    return {f"{prefix}_{name}": values[:, i] for i, name in enumerate(names)}
-
-
-def _spread_pose(prefix: str, pose: Pose) -> Columns:
-    return _spread(prefix, _XYZ, pose.position_m) | _spread(prefix, _WXYZ, pose.quat_wxyz)
-
-
-def _gather(columns: Mapping[str, NDArray[Any]], prefix: str, names: tuple[str, ...]) -> NDArray[np.float64]:
-    return np.stack([np.asarray(columns[f"{prefix}_{name}"], dtype=np.float64) for name in names], axis=1)
-
-
-def _gather_pose(columns: Mapping[str, NDArray[Any]], prefix: str) -> Pose:
+def _unit_pose(columns: Mapping[str, NDArray[Any]], prefix: str) -> Pose:
     # Single precision shortens quaternions a little; they are made unit again.
-    return Pose(_gather(columns, prefix, _XYZ), canonical_quat(_gather(columns, prefix, _WXYZ)))
+    stored = gather_pose(columns, prefix)
+    return Pose(stored.position_m, canonical_quat(stored.quat_wxyz))

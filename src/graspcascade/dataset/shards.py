@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ..columns import Columns
 from ..errors import FileFormatError, InputError
-from ..files import write_json, write_staged
+from ..files import read_json, write_json, write_staged
 from ..grasps import Grasps
 from ..trials import Outcomes
-from .schema import SCHEMA_VERSION, Columns, from_columns
+from .schema import SCHEMA_VERSION, from_columns
 
 METADATA_FILE = "metadata.json"
 
@@ -85,11 +85,11 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     path = folder / METADATA_FILE
     if not path.is_file():
         raise FileFormatError(f"{folder} is not a graspcascade dataset: it has no {METADATA_FILE}")
+    metadata = read_json(path)
     try:
-        metadata = json.loads(path.read_text())
         version = metadata["schema_version"]
         missing = [key for key in ("joint_names", "pregrasp_rad", "shards") if key not in metadata]
-    except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
+    except (KeyError, TypeError) as error:
         raise FileFormatError(f"{path} is not readable dataset metadata: {error}") from error
     if version != SCHEMA_VERSION:
         raise FileFormatError(f"{path} has schema version {version}; this version reads {SCHEMA_VERSION}")

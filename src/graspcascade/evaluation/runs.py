@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from ..candidates import draw_sides
 from ..cascade.sampler import EVALUATION_FILE
-from ..dataset.collect import CELLS, versions
+from ..cells import CELLS
 from ..errors import InputError
 from ..grasps import Grasps
 from ..hands import SHADOW_HAND, HandDescription
+from ..machine import versions
 from ..objects import CATALOGUE, grasp_object
 from ..taxonomy import grasp_type
 from ..trials import PAPER, VERDICTS, Outcomes, Protocol, run
@@ -57,7 +58,8 @@ def evaluate(
         protocol: what is done and what counts.
         hand: the hand to execute with.
         out: folder that keeps finished rounds (rows as Parquet where pyarrow is installed) and the final
-            `evaluation.json`; the same call goes on where an earlier one was cut off. None keeps nothing.
+            `evaluation.json`; the same call goes on where an earlier one was cut off, and executes rounds whose rows
+            were lost since again. None keeps nothing.
         n_threads: simulation threads, 0 for all processors.
         progress: called with trials done and trials in all.
         cells: (object label, grasp type) pairs.
@@ -90,22 +92,22 @@ def evaluate(
         if store.finished:
             store.check_source(_draw(source, cells, rounds[0], seed, 0, hand))
         done = _Progress(progress, store.trials, per_cell * len(cells))
-        for number in range(store.finished, len(rounds)):
+        for number in store.due(len(rounds)):
             grasps = _draw(source, cells, rounds[number], seed, number, hand)
             outcomes = run(grasps, protocol, hand=hand, n_threads=n_threads, progress=done)
-            store.append(grasps, outcomes, _count(len(cells), rounds[number], grasps, outcomes))
-    evaluation = Evaluation(
-        protocol=protocol,
-        model=name,
-        hand=hand.name,
-        cells=_cells(cells, store.total),
-        seed=seed,
-        per_cell=per_cell,
-        versions=identity["versions"],
-        model_metadata=identity["model_metadata"],
-    )
-    if out is not None:
-        evaluation.save(Path(out) / EVALUATION_FILE)
+            store.keep(number, grasps, outcomes, _count(len(cells), rounds[number], grasps, outcomes))
+        evaluation = Evaluation(
+            protocol=protocol,
+            model=name,
+            hand=hand.name,
+            cells=_cells(cells, store.total),
+            seed=seed,
+            per_cell=per_cell,
+            versions=identity["versions"],
+            model_metadata=identity["model_metadata"],
+        )
+        if out is not None:
+            evaluation.save(Path(out) / EVALUATION_FILE)
     return evaluation
 
 

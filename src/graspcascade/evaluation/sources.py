@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..candidates import candidates
+from ..candidates import candidates, cannot_touch
 from ..grasps import Grasps
 from ..hands import HandModel
 from ..postures import PosturePrior
@@ -38,8 +38,15 @@ class RowSampler(Protocol):
         ...
 
 
-def heuristic_source(hand: HandModel, prior: PosturePrior) -> Source:
+def heuristic_source(hand: HandModel, prior: PosturePrior, most_draws: int = 1) -> Source:
     """Give the paper's heuristic: postures of the prior, placed as they come and not screened.
+
+    Args:
+        hand: the hand.
+        prior: what postures are drawn from.
+        most_draws: how often a posture is drawn for a grasp whose opposing places are too far apart to touch the
+            object (see `candidates.cannot_touch`). Above 1 this screens, as a collection does, but keeps the side
+            asked for; a grasp that no draw helps stays the last one.
 
     Raises:
         InputError: the prior is of other joints than the hand.
@@ -48,7 +55,14 @@ def heuristic_source(hand: HandModel, prior: PosturePrior) -> Source:
 
     def draw(grasp_types: Names, object_labels: Names, side_axes: Names, rng: np.random.Generator) -> Grasps:
         postures = prior.sample(grasp_types, rng)
-        return candidates(hand, postures, grasp_types, object_labels, side_axes, rng)
+        grasps = candidates(hand, postures, grasp_types, object_labels, side_axes, rng)
+        for _ in range(most_draws - 1):
+            rows = np.flatnonzero(cannot_touch(hand, grasps))
+            if not rows.size:
+                break
+            postures[rows] = prior.sample(grasp_types[rows], rng)
+            grasps = candidates(hand, postures, grasp_types, object_labels, side_axes, rng)
+        return grasps
 
     return draw
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..dataset.schema import SCHEMA_VERSION, to_columns
 from ..dataset.shards import (
     METADATA_FILE,
+    is_intact,
     read_metadata,
     refuse_other_arguments,
     shard_path,
@@ -45,13 +46,16 @@ class RoundStore:
         folder: where to keep them, None for memory only.
         metadata: contents of the folder's metadata file.
         n_cells: cells of a round.
-        counts: of every finished round.
+        counts: of every finished round, lost ones too.
+        lost: numbers of the finished rounds whose shard is missing or no longer what was written. They are to be kept
+            once more; none where pyarrow is not installed, without which no shard can be written.
     """
 
     folder: Path | None
     metadata: dict[str, Any]
     n_cells: int
     counts: list[Counts] = field(default_factory=list)
+    lost: list[int] = field(default_factory=list)
 
     @classmethod
     @contextmanager
@@ -89,9 +93,13 @@ class RoundStore:
             counts = [np.array(found["counts"], dtype=np.int64) for found in metadata["rounds"]]
             if any(found.shape != (n_cells, len(VERDICTS) + 1) for found in counts):
                 raise ValueError("a round has counts of another shape")
+            sums = {shard["file"]: shard["sha256"] for shard in metadata["shards"]}
         except (KeyError, TypeError, ValueError) as error:
             raise FileFormatError(f"{folder / METADATA_FILE} is not readable evaluation metadata: {error}") from error
-        return cls(folder, metadata, n_cells, counts)
+        # Rounds done where pyarrow was not installed have no shard to lose.
+        paths = [shard_path(folder, number) for number in range(len(counts) if _keeps_rows() else 0)]
+        lost = [n for n, path in enumerate(paths) if path.name in sums and not is_intact(path, sums[path.name])]
+        return cls(folder, metadata, n_cells, counts, lost)
 
     @property
     def finished(self) -> int:
@@ -108,23 +116,29 @@ class RoundStore:
 
     @property
     def trials(self) -> int:
-        """Count the trials of finished rounds."""
-        return int(self.total[:, :-1].sum())
+        """Count the trials of finished rounds, but for the lost ones."""
+        return int(sum(found[:, :-1].sum() for number, found in enumerate(self.counts) if number not in self.lost))
 
-    def append(self, grasps: Grasps, outcomes: Outcomes, counts: Counts) -> None:
-        """Keep one more round; the metadata, written last, makes it count."""
-        number = self.finished
-        self.counts.append(counts)
+    def due(self, n_rounds: int) -> list[int]:
+        """List the numbers of the rounds, of so many, that are to be done: the lost ones, then those to come."""
+        return [*self.lost, *range(self.finished, n_rounds)]
+
+    def keep(self, number: int, grasps: Grasps, outcomes: Outcomes, counts: Counts) -> None:
+        """Keep the round that is due first; the metadata, written last, makes it count."""
+        self.counts[number : number + 1] = [counts]
+        self.lost = [other for other in self.lost if other != number]
         if self.folder is None:
             return
         if number == 0:
-            self.metadata["first_round_mean"] = _mean(grasps).tolist()
+            self.metadata.setdefault("first_round_mean", _mean(grasps).tolist())
         # pyarrow is an optional extra; without it the counts alone are kept.
-        if find_spec("pyarrow") is not None:
+        if _keeps_rows():
             path = shard_path(self.folder, number)
             digest = write_shard(path, to_columns(grasps, outcomes))
-            self.metadata["shards"].append({"file": path.name, "sha256": digest, "rows": len(grasps)})
-        self.metadata["rounds"].append({"counts": counts.tolist()})
+            shards = {shard["file"]: shard for shard in self.metadata["shards"]}
+            shards[path.name] = {"file": path.name, "sha256": digest, "rows": len(grasps)}
+            self.metadata["shards"] = list(shards.values())
+        self.metadata["rounds"][number : number + 1] = [{"counts": counts.tolist()}]
         write_metadata(self.folder, self.metadata)
 
     def check_source(self, first_round: Grasps) -> None:
@@ -139,6 +153,10 @@ class RoundStore:
                 f"{self.folder} holds rounds of another model under the same name; "
                 "give that model to go on with it, or another folder"
             )
+
+
+def _keeps_rows() -> bool:
+    return find_spec("pyarrow") is not None
 
 
 def _mean(grasps: Grasps) -> NDArray[np.float64]:

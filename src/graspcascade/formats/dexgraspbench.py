@@ -62,7 +62,7 @@ def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
         InputError: a value that no reader would take.
     """
     grasps = document.grasps
-    notes = file_notes(document, CONVENTIONS) | {"qpos_joint_names": list(JOINTS)}
+    notes = file_notes(document, CONVENTIONS) | {"qpos_joint_names": list(JOINTS), "n_grasps": len(grasps)}
     contact = contact_of(grasps, options)
     world = document.X_world_object or Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
     base = world @ contact.X_hand_object.inverse() @ X_HAND_BASE
@@ -82,7 +82,7 @@ def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
             "squeeze_qpos": _qpos(base, i, grasps.posture[i, columns]),
             KEY: notes | {"grasp": each[i]},
         }
-        save_objects(folder / f"{i:06d}.npy", row)
+        save_objects(folder / _file_name(i), row)
     for label in dict.fromkeys(grasps.object_label.tolist()):
         _write_object(path / "objects" / label, label)
 
@@ -94,20 +94,37 @@ def read(path: Path, assume: Assumptions) -> GraspDocument:
     back where it was placed before the trial.
 
     Raises:
-        FileFormatError: it is truncated or foreign, or its object is scaled.
+        FileFormatError: it is truncated or foreign, its object is scaled, or an export has lost files.
         InputError: something it does not say and nothing is assumed for.
     """
-    files = sorted((path / "graspdata").rglob("*.npy") or path.rglob("*.npy")) if path.is_dir() else [path]
+    whole = path / "graspdata"
+    files = sorted((whole if whole.is_dir() else path).rglob("*.npy")) if path.is_dir() else [path]
     found: list[ForeignGrasp] = []
-    notes: Mapping[str, Any] = {}
+    noted: list[Mapping[str, Any]] = []
     for file in files:
         try:
             row = _row(file)
             found.append(_grasp(row))
         except FileFormatError as error:
             raise FileFormatError(f"{file.name}: {error}") from error
-        notes = mapping(row.get(KEY))
-    return foreign_document(found, notes, assume)
+        noted.append(mapping(row.get(KEY)))
+    if whole.is_dir():
+        if not files:
+            raise FileFormatError("graspdata holds no .npy files")
+        _check_none_lost(noted)
+    return foreign_document(found, noted[-1] if noted else {}, assume)
+
+
+def _check_none_lost(noted: list[Mapping[str, Any]]) -> None:
+    """Check that an export's grasps are all there; files of others, or without a count, may lie beside them."""
+    written = max(int(number(notes.get("n_grasps", 0), "n_grasps")) for notes in noted)
+    numbered = [mapping(notes.get("grasp")).get("number") for notes in noted]
+    present = {i for i in numbered if isinstance(i, int) and 0 <= i < written}
+    if len(present) < written:
+        first = next(i for i in range(written) if i not in present)
+        raise FileFormatError(
+            f"it has {len(present)} of the {written} grasps that were written; {_file_name(first)} is lost"
+        )
 
 
 def _row(file: Path) -> Mapping[str, Any]:
@@ -141,6 +158,10 @@ def _grasp(row: Mapping[str, Any]) -> ForeignGrasp:
         str(row.get("obj_path")).rstrip("/").rsplit("/", 1)[-1],
         notes,
     )
+
+
+def _file_name(row: int) -> str:
+    return f"{row:06d}.npy"
 
 
 def _placed(document: GraspDocument, row: int) -> dict[str, list[float]]:

@@ -83,8 +83,9 @@ def read(path: Path, assume: Assumptions) -> GraspDocument:
 
 
 def _dictionaries(document: GraspDocument, options: ExportOptions) -> list[dict[str, Any]]:
+    notes = file_notes(document, CONVENTIONS)
     grasps, contact = document.grasps, contact_of(document.grasps, options)
-    notes, each = file_notes(document, CONVENTIONS), grasp_notes(grasps)
+    each = grasp_notes(grasps)
     palm = contact.X_hand_object.inverse()
     turns = _euler(palm.quat_wxyz)
     placed = grasps.X_hand_object

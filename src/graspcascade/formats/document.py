@@ -53,7 +53,7 @@ def header(document: GraspDocument) -> dict[str, Any]:
     """Say what a reader needs besides the grasps themselves.
 
     Raises:
-        InputError: metadata that JSON cannot hold, or a grasp that no reader would take.
+        InputError: metadata that JSON cannot hold, or a grasp or object pose that no reader would take.
     """
     grasps = document.grasps
     for name in _FINITE:
@@ -77,6 +77,10 @@ def header(document: GraspDocument) -> dict[str, Any]:
     }
     if document.X_world_object is not None:
         pose = document.X_world_object
+        try:
+            _one_pose(pose.position_m, pose.quat_wxyz)
+        except InputError as error:
+            raise InputError(f"X_world_object: {error}") from error
         found["X_world_object"] = {"position_m": pose.position_m.tolist(), "quat_wxyz": pose.quat_wxyz.tolist()}
     return found
 
@@ -109,13 +113,13 @@ def world_pose(found: Mapping[str, Any]) -> Pose | None:
     """Read the object pose in the world from a header.
 
     Raises:
-        FileFormatError: it is damaged.
+        FileFormatError: it is damaged, or not one pose for all grasps.
     """
     stored = found.get("X_world_object")
     if stored is None:
         return None
     try:
-        return exact_pose(stored["position_m"], stored["quat_wxyz"])
+        return _one_pose(stored["position_m"], stored["quat_wxyz"])
     except (InputError, KeyError, TypeError) as error:
         raise FileFormatError(f"X_world_object is damaged ({error})") from error
 
@@ -130,6 +134,16 @@ def exact_pose(position_m: Any, quat_wxyz: Any) -> Pose:
     given = np.asarray(quat_wxyz, dtype=np.float64)
     same = (np.abs(given - checked.quat_wxyz) < 1e-12).all(axis=-1, keepdims=True)
     return Pose(checked.position_m, np.where(same, given, checked.quat_wxyz))
+
+
+def _one_pose(position_m: Any, quat_wxyz: Any) -> Pose:
+    pose = exact_pose(position_m, quat_wxyz)
+    if pose.position_m.shape != (3,):
+        raise InputError(
+            "one pose, of shapes (3,) and (4,), holds for all grasps; "
+            f"got {pose.position_m.shape} and {pose.quat_wxyz.shape}"
+        )
+    return pose
 
 
 def build(joint_names: list[str], columns: dict[str, NDArray[Any]]) -> Grasps:

@@ -30,7 +30,7 @@ from .notes import (
     shadow_joints,
 )
 from .options import Assumptions, ExportOptions
-from .yaml_text import dump_yaml, load_yaml
+from .yaml_text import dump_yaml, load_yaml, yaml_files
 
 CONVENTIONS = {
     "position, orientation": "pose of the gripper frame (palm) in the object frame, metres, quaternion w and xyz",
@@ -70,7 +70,7 @@ def read(path: Path, assume: Assumptions) -> GraspDocument:
     """
     found: list[ForeignGrasp] = []
     notes: Mapping[str, Any] = {}
-    for file in sorted([*path.glob("*.yaml"), *path.glob("*.yml")]) if path.is_dir() else [path]:
+    for file in yaml_files(path) if path.is_dir() else [path]:
         data = load_yaml(file)
         notes = mapping(_checked(data).get(KEY))
         found.extend(_grasps(data, notes))

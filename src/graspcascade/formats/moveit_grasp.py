@@ -48,6 +48,7 @@ def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
     Raises:
         InputError: a value that no reader would take.
     """
+    notes = file_notes(document, CONVENTIONS)
     grasps, prefix = document.grasps, options.joint_prefix
     placed = document.X_world_object
     X_frame_hand = grasps.X_hand_object.inverse() if placed is None else grasps.hand_pose(placed)
@@ -80,7 +81,7 @@ def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
         "message": MESSAGE,
         "parent_link": link,
         # Before the grasps, so that a file cut off among them can be told from a whole one.
-        KEY: file_notes(document, CONVENTIONS) | {"grasps": grasp_notes(grasps)},
+        KEY: notes | {"grasps": grasp_notes(grasps)},
         "grasps": messages,
     }
     dump_yaml(path, data, f"{MESSAGE}: poses of {link}, metres and radians; the wrist is straight")

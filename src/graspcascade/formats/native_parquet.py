@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..columns import Columns, gather, gather_pose, spread, spread_pose
 from ..errors import FileFormatError, InputError
-from ..poses import Pose
 from .document import LABELS, NUMBERS, GraspDocument, build, check_header, header, world_pose
 from .options import Assumptions, ExportOptions
 
 _HEADER_KEY = b"graspcascade"
-_XYZ, _WXYZ = ("x_m", "y_m", "z_m"), ("qw", "qx", "qy", "qz")
 
 
 def write(path: Path, document: GraspDocument, _options: ExportOptions | None = None) -> None:
@@ -26,12 +24,12 @@ def write(path: Path, document: GraspDocument, _options: ExportOptions | None = 
     """
     pa, pq = _pyarrow()
     grasps, head = document.grasps, json.dumps(header(document))
-    columns: dict[str, NDArray[Any]] = {name: getattr(grasps, name) for name in (*LABELS, *NUMBERS)}
-    columns |= _spread("posture", grasps.joint_names, grasps.posture)
-    columns |= _spread("pregrasp", grasps.joint_names, grasps.pregrasp)
-    columns |= _spread_pose("object", grasps.X_hand_object)
+    columns: Columns = {name: getattr(grasps, name) for name in (*LABELS, *NUMBERS)}
+    columns |= spread("posture", grasps.joint_names, grasps.posture)
+    columns |= spread("pregrasp", grasps.joint_names, grasps.pregrasp)
+    columns |= spread_pose("object", grasps.X_hand_object)
     if document.X_world_object is not None:
-        columns |= _spread_pose("world_hand", grasps.hand_pose(document.X_world_object))
+        columns |= spread_pose("world_hand", grasps.hand_pose(document.X_world_object))
     # from_pandas: not-a-number, which means unknown, is stored as null.
     arrays = {
         name: pa.array(values.tolist(), pa.string()) if name in LABELS else pa.array(values, from_pandas=True)
@@ -67,24 +65,13 @@ def read(path: Path, _assume: Assumptions | None = None) -> GraspDocument:
     return GraspDocument(build(found["joint_names"], columns), dict(found["metadata"]), world_pose(found))
 
 
-def _columns(table: Any, joint_names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    def numbers(names: tuple[str, ...]) -> NDArray[np.float64]:
-        return np.stack([np.asarray(table.column(name).to_numpy(), dtype=np.float64) for name in names], axis=1)
-
-    columns: dict[str, NDArray[Any]] = {name: np.array(table.column(name).to_pylist(), dtype=str) for name in LABELS}
-    columns |= {name: numbers((name,))[:, 0] for name in NUMBERS}
-    columns |= {p: numbers(tuple(f"{p}_{j}" for j in joint_names)) for p in ("posture", "pregrasp")}
-    columns["position_m"] = numbers(tuple(f"object_{part}" for part in _XYZ))
-    columns["quat_wxyz"] = numbers(tuple(f"object_{part}" for part in _WXYZ))
-    return columns
-
-
-def _spread(prefix: str, names: tuple[str, ...], values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    return {f"{prefix}_{name}": np.ascontiguousarray(values[:, i]) for i, name in enumerate(names)}
-
-
-def _spread_pose(prefix: str, pose: Pose) -> dict[str, NDArray[Any]]:
-    return _spread(prefix, _XYZ, pose.position_m) | _spread(prefix, _WXYZ, pose.quat_wxyz)
+def _columns(table: Any, joint_names: tuple[str, ...]) -> Columns:
+    # A table is indexed by column name as a mapping is, and its columns are arrays to numpy.
+    columns: Columns = {name: np.array(table[name].to_pylist(), dtype=str) for name in LABELS}
+    columns |= {name: np.asarray(table[name], dtype=np.float64) for name in NUMBERS}
+    columns |= {name: gather(table, name, joint_names) for name in ("posture", "pregrasp")}
+    placed = gather_pose(table, "object")
+    return columns | {"position_m": placed.position_m, "quat_wxyz": placed.quat_wxyz}
 
 
 def _pyarrow() -> tuple[Any, Any]:

@@ -50,8 +50,9 @@ def file_notes(document: GraspDocument, conventions: Mapping[str, str]) -> dict[
     """Give the notes on a whole file: the native header, and the frames and orders of the format it is in.
 
     Raises:
-        InputError: metadata that JSON cannot hold, or a grasp that no reader would take.
+        InputError: metadata that JSON cannot hold, or a grasp or object pose that no reader would take.
     """
+    _check_joints(document.grasps)
     return header(document) | {"conventions": dict(conventions)}
 
 
@@ -188,6 +189,16 @@ def noted_pose(notes: object) -> Pose:
         FileFormatError: it is damaged.
     """
     return pose(mapping(notes).get("position_m"), mapping(notes).get("quat_wxyz"), "noted pose")
+
+
+def _check_joints(grasps: Grasps) -> None:
+    # Native files hold any hand's joints, the formats with notes those of this one hand.
+    missing = [name for name in SHADOW_HAND.joint_names if name not in grasps.joint_names]
+    if missing:
+        raise InputError(
+            f"the grasps lack joints of {SHADOW_HAND.name}: {', '.join(missing)}; "
+            "only native files (.json, .parquet) can hold such grasps"
+        )
 
 
 def _facts(row: ForeignGrasp, assume: Assumptions) -> dict[str, Any]:

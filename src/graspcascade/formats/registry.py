@@ -12,6 +12,7 @@ from typing import Any, Literal
 from ..errors import FileFormatError, InputError, unknown
 from .document import GraspDocument
 from .options import Assumptions, ExportOptions
+from .yaml_text import YAML_SUFFIXES, yaml_files
 
 _SNIFF_BYTES = 4096
 
@@ -25,8 +26,6 @@ class GraspFormat:
         suffixes: of its files; the first is the one to write.
         description: what it is, in a few words.
         module: module of this package with its ``write`` and ``read``; loaded when used.
-        can_read: it can be imported.
-        can_write: it can be exported.
         needs: packages it is read and written with, beyond numpy.
         layout: ``file``; ``folder`` where an export is a folder; ``either`` where a file holds one object and a path
             without suffix makes a folder of such files.
@@ -37,8 +36,6 @@ class GraspFormat:
     suffixes: tuple[str, ...]
     description: str
     module: str
-    can_read: bool = True
-    can_write: bool = True
     needs: tuple[str, ...] = ()
     layout: Literal["file", "folder", "either"] = "file"
     pickled: bool = False
@@ -77,14 +74,14 @@ FORMATS_BY_NAME: Mapping[str, GraspFormat] = {
         GraspFormat("parquet", (".parquet",), "native Parquet, one row a grasp", "native_parquet", needs=("pyarrow",)),
         GraspFormat(
             "isaac_grasp",
-            (".yaml", ".yml"),
+            YAML_SUFFIXES,
             "isaac_grasp YAML 1.0 of NVIDIA Isaac, one object a file",
             "isaac_grasp",
             needs=("yaml",),
             layout="either",
         ),
         GraspFormat(
-            "moveit_grasp", (".yaml", ".yml"), "moveit_msgs/Grasp messages as YAML", "moveit_grasp", needs=("yaml",)
+            "moveit_grasp", YAML_SUFFIXES, "moveit_msgs/Grasp messages as YAML", "moveit_grasp", needs=("yaml",)
         ),
         GraspFormat(
             "dexgraspbench",
@@ -119,13 +116,11 @@ def format_to_write(path: Path, name: str | None = None) -> GraspFormat:
     """Find the format to write a path in.
 
     Raises:
-        InputError: an unknown or read-only format, or a suffix that picks none or is not the format's.
+        InputError: an unknown format, or a suffix that picks none or is not the format's.
     """
     if name is None:
         return _by_suffix(path)
     found = _by_name(name)
-    if not found.can_write:
-        raise InputError(f"format {found.name} can be read but not written")
     suffix = path.suffix.lower()
     if found.layout == "folder" and suffix in found.suffixes:
         raise InputError(f"a {found.name} export is a folder; give a name without {path.suffix!r}")
@@ -139,20 +134,17 @@ def format_to_read(path: Path, name: str | None = None) -> GraspFormat:
     """Find the format that an existing file or folder is in, from its suffix and, where several share it, its start.
 
     Raises:
-        InputError: an unknown or write-only format, or a suffix that picks none.
+        InputError: an unknown format, or a suffix that picks none.
         FileFormatError: its start is that of no format.
     """
     if name is not None:
-        found = _by_name(name)
-        if not found.can_read:
-            raise InputError(f"format {found.name} can be written but not read")
-        return found
+        return _by_name(name)
     if path.is_dir():
         return _of_folder(path)
     suffix = path.suffix.lower()
     if suffix in FORMATS or not path.is_file():
         return _by_suffix(path)
-    if suffix in FORMATS_BY_NAME["isaac_grasp"].suffixes:
+    if suffix in YAML_SUFFIXES:
         with path.open("rb") as file:
             start = file.read(_SNIFF_BYTES)
         return FORMATS_BY_NAME["isaac_grasp" if b"isaac_grasp" in start else "moveit_grasp"]
@@ -168,10 +160,11 @@ def _of_folder(path: Path) -> GraspFormat:
         return FORMATS_BY_NAME["dexgraspbench"]
     if (path / "dataset").is_dir():
         return FORMATS_BY_NAME["dexgraspnet"]
-    if any(path.glob("*.yaml")):
+    if yaml_files(path):
         return FORMATS_BY_NAME["isaac_grasp"]
     raise FileFormatError(
-        f"{path} is a folder without graspdata, dataset or *.yaml in it; name its format if it is one: "
+        f"{path} is a folder without graspdata, dataset or files *{', *'.join(YAML_SUFFIXES)} in it; "
+        "name its format if it is one: "
         f"{', '.join(found.name for found in FORMATS_BY_NAME.values() if found.layout != 'file')}"
     )
 

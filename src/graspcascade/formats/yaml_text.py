@@ -7,6 +7,13 @@ from typing import Any
 
 from ..errors import FileFormatError
 
+YAML_SUFFIXES = (".yaml", ".yml")
+
+
+def yaml_files(folder: Path) -> list[Path]:
+    """List the YAML files of a folder, in the order of their names."""
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in YAML_SUFFIXES)
+
 
 def dump_yaml(path: Path, data: Any, comment: str) -> None:
     """Write plain data with a comment on top, keys in their order, numbers to the last bit."""

@@ -10,7 +10,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from .heads import KAPPA_FLOOR, KAPPA_MAX, LOG_KAPPA_MAX, Block, components
-from .vmf import SERIES_BELOW
+
+SERIES_BELOW = 0.1
+"""Concentration below which the density is a power series, exact to 1e-14 there and with a gradient at zero."""
 
 
 def concentration(raw: Tensor) -> Tensor:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from ..errors import InputError
 from .heads import Block, HeadSpec, layout
 
+_MAX_SEED = 2**64 - 1
+"""Largest seed that torch takes."""
+
 
 @dataclass(frozen=True)
 class VaeSpec:
@@ -109,6 +112,8 @@ class TrainingSpec:
         for name in ("weight_decay", "metric_weight", "max_steps", "seed"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(f"{name} must not be negative, got {getattr(self, name)}")
+        if self.seed > _MAX_SEED:
+            raise InputError(f"seed must be at most {_MAX_SEED}, got {self.seed}")
         for name in ("kl_warmup_fraction", "averaging_fraction", "validation_fraction"):
             if not 0.0 <= getattr(self, name) < 1.0:
                 raise InputError(f"{name} must be in [0, 1), got {getattr(self, name)}")

@@ -1,4 +1,4 @@
-"""The von Mises-Fisher distribution on unit quaternions (the sphere S^3), numpy and scipy only.
+"""The von Mises-Fisher distribution on unit quaternions (the sphere S^3), numpy only.
 
 Density at unit x: ``C_4(kappa) * exp(kappa * mean . x)``; kappa is the concentration, 0 being uniform. The spread
 about the mean is about ``1 / sqrt(kappa)`` per tangent direction, so ``2 / sqrt(kappa)`` radians of rotation.
@@ -12,48 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 
 Array = NDArray[np.float64]
-
-# Below it the ratio of Bessel functions loses digits and the power series is exact to 1e-14.
-SERIES_BELOW = 0.1
-
-
-def log_normaliser(kappa: ArrayLike) -> Array:
-    """Give log C_4(kappa) = log kappa - log(4 pi^2) - log I_1(kappa), finite for every kappa >= 0.
-
-    Mardia and Jupp, Directional Statistics (2000), eq. 9.3.4, DOI 10.1002/9780470316979.
-
-    Args:
-        kappa: concentrations, any shape, ``>= 0``.
-    """
-    # Only the densities need Bessel functions; sampling should not wait for scipy to load.
-    from scipy.special import ive
-
-    kappa = np.asarray(kappa, dtype=np.float64)
-    small = np.minimum(kappa, SERIES_BELOW) ** 2
-    large = np.maximum(kappa, SERIES_BELOW)
-    series = small * (1 / 8 - small * (1 / 384 - small * (1 / 9216 - small / 184320)))
-    log_bessel = np.log(2.0 * ive(1, large) / large) + large
-    value: Array = -np.log(2.0 * np.pi**2) - np.where(kappa < SERIES_BELOW, series, log_bessel)
-    return value
-
-
-def mean_resultant_length(kappa: ArrayLike) -> Array:
-    """Give A_4(kappa) = I_2(kappa) / I_1(kappa), the expected cosine to the mean direction.
-
-    Mardia and Jupp, Directional Statistics (2000), eq. 9.3.8, DOI 10.1002/9780470316979.
-
-    Args:
-        kappa: concentrations, any shape, ``>= 0``.
-    """
-    from scipy.special import ive
-
-    kappa = np.asarray(kappa, dtype=np.float64)
-    small = np.minimum(kappa, SERIES_BELOW)
-    square = small**2
-    large = np.maximum(kappa, SERIES_BELOW)
-    series = small * (1 / 4 - square * (1 / 96 - square * (1 / 1536 - square / 23040)))
-    value: Array = np.where(kappa < SERIES_BELOW, series, ive(2, large) / ive(1, large))
-    return value
 
 
 def sample(mean: ArrayLike, kappa: ArrayLike, rng: np.random.Generator) -> Array:

@@ -106,7 +106,17 @@ def fit_prior(
     training: TrainingSpec = PRIOR_TRAINING,
     progress: Callable[[EpochRecord], None] | None = None,
 ) -> PosturePrior:
-    """Train the prior on labelled postures (needs torch, the `train` extra)."""
+    """Train the prior on labelled postures (needs torch, the `train` extra).
+
+    Raises:
+        InputError: the postures are of other joints than the hand, or in another order, or none are left to train on.
+        FloatingPointError: the loss stopped being finite.
+    """
+    if seeds.joint_names != hand.joint_names:
+        raise InputError(
+            f"the labelled postures are of the joints {', '.join(seeds.joint_names)}, but those of "
+            f"{hand.description.name} are, in order, {', '.join(hand.joint_names)}"
+        )
     # torch is an optional extra: only fitting needs it.
     from ..nets.training import fit
 

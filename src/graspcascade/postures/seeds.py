@@ -14,17 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from ..errors import InputError
 from ..hands import HandModel
 from ..taxonomy import GRASP_TYPES, GraspType
 from .human import human_statistics
 from .labelled import LabelledPostures
 
 Array = NDArray[np.float64]
+_FINEST_TOLERANCE_M = 1e-9
 
 
 @dataclass(frozen=True)
 class SeedSpec:
-    """Weigh the aims of the inverse kinematics; a residual of one counts the same for all."""
+    """Weigh the aims of the inverse kinematics; a residual of one counts the same for all.
+
+    Raises:
+        InputError: a value out of range.
+    """
 
     per_type: int = 200
     """Seed postures for each grasp type."""
@@ -51,6 +57,23 @@ class SeedSpec:
     """Spread of the human draw, in human standard deviations."""
     seed: int = 0
     """Seed of the draws."""
+
+    def __post_init__(self) -> None:
+        if not self.per_type >= 1:
+            raise InputError(f"per_type must be at least 1, got {self.per_type}")
+        if not 0.0 <= self.aperture_min_m <= self.aperture_max_m < np.inf:
+            raise InputError(
+                "apertures must be finite and not negative, the smallest no larger than the largest, "
+                f"got aperture_min_m {self.aperture_min_m} and aperture_max_m {self.aperture_max_m}"
+            )
+        for name in ("aperture_tolerance_m", "support_plane_tolerance_m", "support_reach_tolerance_m"):
+            if not getattr(self, name) >= _FINEST_TOLERANCE_M:
+                raise InputError(f"{name} must be at least {_FINEST_TOLERANCE_M:g}, got {getattr(self, name)}")
+        for name in ("aperture_skew", "support_reach_m", "normal_weight", "human_weight", "draw_spread"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)}")
+        if not self.seed >= 0:
+            raise InputError(f"seed must not be negative, got {self.seed}")
 
 
 def make_seeds(

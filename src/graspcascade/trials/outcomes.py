@@ -34,7 +34,8 @@ class Outcomes:
         settled_posture: ``(n, J)`` joint angles after closing, radians; NaN where closing was not reached.
         X_hand_object_settled: object pose after closing; NaN likewise.
         object_size_m: ``(n,)`` thumb-tip to index-tip distance after closing, metres; NaN likewise.
-        displacement_m: ``(n,)`` distance of the object's centre from its settled place when the trial ended.
+        displacement_m: ``(n,)`` distance of the object's centre from its settled place when the trial ended; NaN
+            likewise.
         duration_s: ``(n,)`` simulated time.
     """
 

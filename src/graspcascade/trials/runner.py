@@ -22,6 +22,7 @@ from .idle import IDLE_SETS, Idle, IdleFinder, object_moved
 from .lane import Lane, Slots
 from .outcomes import Outcomes
 from .protocol import PAPER, Protocol
+from .quiet import quiet_engine
 
 _THUMB = DIGITS.index("thumb")
 CHECK_STEPS = 5
@@ -88,7 +89,7 @@ def run(
             raise
         return found
 
-    with ThreadPoolExecutor(n_runners) as pool:
+    with quiet_engine(), ThreadPoolExecutor(n_runners) as pool:
         try:
             parts = list(pool.map(execute, shares))
         finally:

@@ -17,10 +17,10 @@ from viser import (
     GuiSliderHandle,
 )
 
+from ..formats import FORMATS_BY_NAME
 from ..objects import CATALOGUE, grasp_object
 from ..taxonomy import GRASP_TYPES
 from ..trials import Protocol
-from .downloads import format_names
 from .session import VIEWS, SampleRequest
 
 Value = TypeVar("Value")
@@ -90,7 +90,7 @@ def build(gui: GuiApi, request: SampleRequest, protocol: Protocol) -> Controls:
         table = gui.add_html("")
         with gui.add_folder("Download"):
             scope = gui.add_dropdown("what", (THIS, ALL), initial_value=ALL)
-            file_format = gui.add_dropdown("format", format_names())
+            file_format = gui.add_dropdown("format", tuple(FORMATS_BY_NAME))
             download = gui.add_button("Download")
     panel.float(x=15, y=-15, width=330)
     put(side, same_side(side.options, request.side_axis))

@@ -28,17 +28,12 @@ class Download:
     content: bytes
 
 
-def format_names() -> tuple[str, ...]:
-    """Name the formats that can be written."""
-    return tuple(name for name, known in FORMATS_BY_NAME.items() if known.can_write)
-
-
 def pack(batch: Batch, format_name: str, rows: list[int], outcomes: Mapping[int, Outcomes] | None = None) -> Download:
     """Write some rows of a batch as a file; a format of several files comes as a zip archive.
 
     Args:
         batch: the grasps.
-        format_name: one of `format_names`.
+        format_name: one of `FORMATS_BY_NAME`.
         rows: which of them.
         outcomes: what is known of their trials by row; formats with a place for it get it where all were tried.
 

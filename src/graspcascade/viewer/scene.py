@@ -13,7 +13,7 @@ from ..hands import HandModel
 from ..objects import grasp_object
 from ..poses import as_quat
 from .recording import Frame
-from .shapes import Mesh, object_mesh
+from .shapes import Part, object_part
 
 CAMERA_POSITION_M = (0.21, -0.37, 0.27)
 CAMERA_TARGET_M = (0.01, -0.02, 0.075)
@@ -27,7 +27,7 @@ class HandShapes:
     """Pair a hand with the meshes of its bodies."""
 
     hand: HandModel
-    meshes: dict[str, tuple[Mesh, ...]]
+    meshes: dict[str, tuple[Part, ...]]
 
 
 class Actors:
@@ -51,7 +51,7 @@ class Actors:
         for body, parts in shapes.meshes.items():
             self._bodies[body] = scene.add_frame(f"/base/{body}", show_axes=False)
             for number, part in enumerate(parts):
-                _add_mesh(scene, f"/base/{body}/part{number}", part)
+                _add_part(scene, f"/base/{body}/part{number}", part)
         self._object = scene.add_frame("/base/object", show_axes=False)
         self._solids: dict[str, MeshHandle] = {}
 
@@ -67,13 +67,14 @@ class Actors:
 
     def _show_object(self, label: str) -> None:
         if label not in self._solids:
-            self._solids[label] = _add_mesh(self._scene, f"/base/object/{label}", object_mesh(grasp_object(label)))
+            self._solids[label] = _add_part(self._scene, f"/base/object/{label}", object_part(grasp_object(label)))
         for other, node in self._solids.items():
             node.visible = other == label
 
 
-def _add_mesh(scene: SceneApi, name: str, mesh: Mesh) -> MeshHandle:
-    return scene.add_mesh_simple(name, mesh.vertices_m.astype(np.float32), mesh.faces.astype(np.uint32), color=mesh.rgb)
+def _add_part(scene: SceneApi, name: str, part: Part) -> MeshHandle:
+    vertices, faces = part.mesh.vertices.astype(np.float32), part.mesh.faces.astype(np.uint32)
+    return scene.add_mesh_simple(name, vertices, faces, color=part.rgb)
 
 
 def _place(node: FrameHandle, position_m: NDArray[np.float64], quat_wxyz: NDArray[np.float64]) -> None:

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..hands import HandDescription, load_hand, load_spec
+from .description import HandDescription
+from .model import load_hand, load_spec
 
 
 def hand_facts(description: HandDescription) -> dict[str, Any]:
@@ -29,6 +30,8 @@ def hand_facts(description: HandDescription) -> dict[str, Any]:
             }
             for name, (lower, upper, pregrasp) in zip(hand.joint_names, degrees, strict=True)
         ],
+        "digit_roots": dict(description.digit_roots),
+        "palm_bodies": list(description.palm_bodies),
         "coupled": {name: list(joints) for name, joints in description.coupled.items()},
         "places": [
             {"name": name, "body": place.body, "point_m": list(place.point_m), "normal": list(place.normal)}
