@@ -38,7 +38,7 @@ class Arguments:
     """The other hand's MJCF."""
     prefix: str = "rh_"
     """What it puts before names."""
-    per_cell: int = 100
+    per_cell: int = 50
     """Grasps for each object and type, of the heuristic (unscreened) and of the shipped cascade."""
     seed: int = 5
     """Seed of the grasps."""

@@ -105,7 +105,10 @@ class Experiment:
     def _evaluate(self, run: Run, sampler: GraspSampler | None) -> Evaluation:
         if sampler is None:
             prior = PosturePrior.pretrained()
-            source, metadata = heuristic_source(shadow_hand(), prior), {"prior": prior.fingerprint()}
+            source = heuristic_source(shadow_hand(), prior, run.most_draws)
+            metadata: dict[str, Any] = {"prior": prior.fingerprint()}
+            if run.most_draws > 1:
+                metadata["most_draws"] = run.most_draws
         else:
             sampler = replace(sampler, size_mode=run.size_mode)
             source, metadata = model_source(sampler), sampler.describe()

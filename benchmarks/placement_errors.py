@@ -1,13 +1,14 @@
-r"""Measure how exactly models put the object between the opposing digits, and how much error a grasp bears.
+r"""Measure how exactly models put the object between the opposing digits, how varied grasps are, and what errors cost.
 
-Example, with models that `paper_experiment.py` trained::
+Example, with models that `paper_experiment.py` trained on a dataset::
 
-    python benchmarks/placement_errors.py --models runs/models/model1_seed0 runs/models/model3_seed0 \
+    python benchmarks/placement_errors.py --models runs/models/model1_seed0 runs/models/model3_seed0 --data data \
         --out docs/results/placement_errors.json
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,13 @@ from graspcascade.bench.trials import evaluation_grasps
 from graspcascade.candidates import opposition_points
 from graspcascade.cascade import GraspSampler
 from graspcascade.cascade.encoding import Request
-from graspcascade.dataset.collect import versions
+from graspcascade.dataset import load_dataset
 from graspcascade.evaluation import model_source
 from graspcascade.files import write_json
 from graspcascade.grasps import Grasps
 from graspcascade.hands import HandModel, shadow_hand
 from graspcascade.intervals import share
+from graspcascade.machine import versions
 from graspcascade.objects import AXES, CATALOGUE
 from graspcascade.poses import Pose, as_quat, as_rotation
 from graspcascade.trials import PAPER, run
@@ -33,6 +35,8 @@ from graspcascade.trials import PAPER, run
 Array = NDArray[np.float64]
 SHIFTS_MM = (0, 2, 4, 6, 8, 12)
 TURNS_DEG = (5, 10, 20, 30)
+OTHER_SIDE_DEG = 45.0
+"""An object that is tilted by more is held across another side than the one asked for."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,8 @@ class Arguments:
     """Folders of cascades."""
     out: Path
     """JSON file to write."""
+    data: Path | None = None
+    """Dataset whose held grasps' variety stands beside that of the models."""
     per_cell: int = 100
     """Grasps for each object and type, of each model."""
     tried_per_cell: int = 20
@@ -62,15 +68,44 @@ def tilt_deg(hand: HandModel, grasps: Grasps) -> Array:
 
     Across a cylinder every direction is a side, so that only its axis can be off the right angle to that line.
     """
-    thumb, other = opposition_points(hand, grasps.posture, grasps.grasp_type)
-    line = (other - thumb) / np.linalg.norm(other - thumb, axis=1, keepdims=True)
-    shapes = np.array([CATALOGUE[label].shape for label in grasps.object_label.tolist()])
-    across = (shapes == "cylinder") & (grasps.side_axis != "z")
+    shapes, across = shapes_held(grasps)
     axes = np.where(across, "z", grasps.side_axis)
-    body = np.eye(3)[[AXES.index(name) for name in axes.tolist()]]
-    cosine = np.abs((as_rotation(grasps.X_hand_object.quat_wxyz).apply(body) * line).sum(axis=1)).clip(0.0, 1.0)
+    cosine = np.abs((in_hand(grasps, axes) * opposition_lines(hand, grasps)).sum(axis=1)).clip(0.0, 1.0)
     angle = np.degrees(np.where(across, np.arcsin(cosine), np.arccos(cosine)))
     return np.asarray(np.where(shapes == "sphere", 0.0, angle))
+
+
+def turn_rad(hand: HandModel, grasps: Grasps) -> Array:
+    """Give the turn ``(n,)`` about the line through the opposing places, from the hand's z axis, up to half turns.
+
+    It is that of a cylinder's axis, held across, or of the side that follows the one held of a box. NaN where all turns
+    look alike: of spheres, and of cylinders held along their axis.
+    """
+    shapes, across = shapes_held(grasps)
+    following = np.array([AXES[(AXES.index(name) + 1) % 3] for name in grasps.side_axis.tolist()])
+    line = opposition_lines(hand, grasps)
+    turned = in_hand(grasps, np.where(across, "z", following))
+    start = np.array([0.0, 0.0, 1.0]) - line[:, 2:] * line
+    angle = np.arctan2((np.cross(line, start) * turned).sum(axis=1), (start * turned).sum(axis=1))
+    return np.asarray(np.where(across | (shapes == "box"), angle % np.pi, np.nan))
+
+
+def opposition_lines(hand: HandModel, grasps: Grasps) -> Array:
+    """Give the unit vectors ``(n, 3)`` from the thumb's place to the one that opposes it, in the hand frame."""
+    thumb, other = opposition_points(hand, grasps.posture, grasps.grasp_type)
+    return np.asarray((other - thumb) / np.linalg.norm(other - thumb, axis=1, keepdims=True))
+
+
+def shapes_held(grasps: Grasps) -> tuple[NDArray[np.str_], NDArray[np.bool_]]:
+    """Give the objects' shapes ``(n,)``, and which are cylinders held across."""
+    shapes = np.array([CATALOGUE[label].shape for label in grasps.object_label.tolist()])
+    return shapes, np.asarray((shapes == "cylinder") & (grasps.side_axis != "z"))
+
+
+def in_hand(grasps: Grasps, axes: NDArray[np.str_]) -> Array:
+    """Give a body axis ``(n, 3)`` of each object, by its name, in the hand frame."""
+    body = np.eye(3)[[AXES.index(name) for name in axes.tolist()]]
+    return np.asarray(as_rotation(grasps.X_hand_object.quat_wxyz).apply(body))
 
 
 def off_size_mm(sampler: GraspSampler, grasps: Grasps) -> Array:
@@ -101,7 +136,55 @@ def errors(hand: HandModel, sampler: GraspSampler, name: str, grasps: Grasps) ->
         "n": len(grasps),
         **quantiles("off centre mm", off_centre_mm(hand, grasps)),
         **quantiles("tilt deg", tilt),
+        "another side": share(tilt > OTHER_SIDE_DEG).to_json(),
         **quantiles("grasp size off mm", off_size_mm(sampler, grasps)),
+    }
+
+
+def by_object(hand: HandModel, name: str, grasps: Grasps) -> list[dict[str, Any]]:
+    """Measure how boxes and cylinders are turned, object by object."""
+    tilt, turn = tilt_deg(hand, grasps), turn_rad(hand, grasps)
+    rows = []
+    for label, thing in CATALOGUE.items():
+        of_it = grasps.object_label == label
+        if thing.shape != "sphere":
+            rows.append(
+                {
+                    "model": name,
+                    "object": label,
+                    "n": int(of_it.sum()),
+                    **quantiles("tilt deg", tilt[of_it]),
+                    "another side": share(tilt[of_it] > OTHER_SIDE_DEG).to_json(),
+                    "likeness of turns": likeness(turn[of_it]),
+                }
+            )
+    return rows
+
+
+def likeness(turns: Array) -> float:
+    """Give how alike turns up to half turns are: 1 if all are the same, 0 if they are spread evenly."""
+    return round(float(np.abs(np.nanmean(np.exp(2j * turns)))), 3)
+
+
+def variety(hand: HandModel, name: str, grasps: Grasps) -> dict[str, Any]:
+    """Measure how far grasps of the same type, object and side differ: standard deviations within such groups."""
+    keys = np.char.add(np.char.add(grasps.grasp_type, grasps.object_label), grasps.side_axis)
+    _, groups, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    freedom = len(grasps) - len(counts)
+
+    def deviation(values: Array) -> float:
+        means = np.stack([np.bincount(groups, column) for column in values.T], axis=1) / counts[:, None]
+        squares = ((values - means[groups]) ** 2).sum(axis=0) / freedom
+        return float(np.sqrt(squares.mean()))
+
+    turns = turn_rad(hand, grasps)
+    turned = [likeness(turns[groups == group]) for group in np.unique(groups[~np.isnan(turns)])]
+    return {
+        "grasps": name,
+        "n": len(grasps),
+        "grasp size sd mm": round(1000.0 * deviation(grasps.grasp_size_m[:, None]), 2),
+        "joint angle sd deg": round(math.degrees(deviation(grasps.posture)), 2),
+        "likeness of turns, mean": round(float(np.mean(turned)), 3),
     }
 
 
@@ -122,13 +205,21 @@ def _about(axes: Array, angle_deg: float) -> Array:
 def main(arguments: Arguments) -> None:
     """Measure placements, execute displaced grasps of the shipped cascade, and write the numbers."""
     hand, seed = shadow_hand(), arguments.seed
-    rows = []
+    rows, objects, varieties = [], [], []
+    if arguments.data is not None:
+        data = load_dataset(arguments.data)
+        varieties.append(variety(hand, "dataset, held", data.grasps[data.outcomes.held]))
+        print(varieties[-1], flush=True)
     for folder in arguments.models:
         sampler = GraspSampler.load(folder)
         grasps = evaluation_grasps(model_source(sampler), arguments.per_cell, seed)
         rows.append(errors(hand, sampler, folder.name, grasps))
-        print(rows[-1], flush=True)
+        objects += by_object(hand, folder.name, grasps)
+        varieties.append(variety(hand, folder.name, grasps))
+        print(rows[-1], varieties[-1], flush=True)
     shipped = GraspSampler.pretrained()
+    drawn = model_source(replace(shipped, size_mode="drawn"))
+    varieties.append(variety(hand, "shipped cascade, sizes drawn", evaluation_grasps(drawn, arguments.per_cell, seed)))
     grasps = evaluation_grasps(model_source(shipped), arguments.tried_per_cell, seed)
     tried = []
     for shift, turn in [*((shift, 0) for shift in SHIFTS_MM), *((0, turn) for turn in TURNS_DEG)]:
@@ -140,15 +231,21 @@ def main(arguments: Arguments) -> None:
     result = {
         "title": "How exactly objects are placed, and how exactly they must be",
         "description": "Off centre: from the middle between the opposing places of the posture, where the heuristic "
-        "puts the object. Tilt: of the side held, off the line through these places, spheres left out. Grasp size off: "
-        "from the size asked for. Below, grasps of the shipped cascade with the object shifted, or turned about its "
-        "centre, in directions drawn uniformly: full trials under the paper protocol.",
+        "puts the object. Tilt: of the side held, off the line through these places, spheres left out; another side: "
+        f"tilted by more than {OTHER_SIDE_DEG:g} degrees, so that another side is held than the one asked for. Grasp "
+        "size off: from the size asked for. Displaced: grasps of the shipped cascade with the object shifted, or "
+        "turned about its centre, in directions drawn uniformly; full trials under the paper protocol. Variety: "
+        "standard deviations within grasps of the same type, object and side; turns about the line through the "
+        "opposing places are alike by 1 if all are the same and by 0 if spread evenly, few of them never quite by 0.",
         "protocol": PAPER.name,
         "seed": seed,
         "weights": shipped.fingerprint(),
         "versions": versions(),
         "models": rows,
         "displaced": tried,
+        "variety": varieties,
+        "objects": objects,
+        "file_only": ["objects"],
     }
     write_json(arguments.out, result)
 

@@ -1,4 +1,6 @@
-"""Measure how the heuristic's success depends on what the protocol fixes; nothing here tunes the protocol.
+"""Measure how success depends on what the protocol fixes, the heuristic's and the shipped cascade's.
+
+Nothing here tunes the protocol.
 
 Example::
 
@@ -9,25 +11,32 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import tyro
+from numpy.typing import NDArray
 
-from graspcascade.evaluation import evaluate, heuristic_source
+from graspcascade.cascade import GraspSampler
+from graspcascade.evaluation import HEURISTIC, Source, evaluate, heuristic_source
+from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, HandDescription, load_hand
 from graspcascade.postures import PosturePrior
 from graspcascade.trials import PAPER, Protocol
 
+Names = NDArray[np.str_]
+
 
 @dataclass(frozen=True)
 class Arguments:
-    """Evaluate the heuristic under changed conditions."""
+    """Evaluate the heuristic and the shipped cascade under changed conditions."""
 
     out: Path = Path("docs/results")
     """Folder of the JSON files."""
     per_cell: int = 20
     """Trials for each object and type."""
     seed: int = 0
-    """Seed of the candidates."""
+    """Seed of the grasps."""
     only: tuple[str, ...] = ()
     """Names of conditions to run, all without it."""
 
@@ -50,23 +59,40 @@ def conditions() -> dict[str, tuple[Protocol, HandDescription]]:
     return found | {"flat_thumb": (replace(PAPER, name="paper, flat thumb"), flat_thumb)}
 
 
+def sources(hand: HandDescription) -> dict[str, tuple[Source, dict[str, Any]]]:
+    """Give by model where grasps come from, which start as the hand does, and what is recorded of the model."""
+    prior, shipped = PosturePrior.pretrained(), GraspSampler.pretrained()
+    start = load_hand(hand).pregrasp
+
+    def sample(types: Names, labels: Names, axes: Names, rng: np.random.Generator) -> Grasps:
+        grasps = shipped.sample_rows(types, labels, axes, rng)
+        return replace(grasps, pregrasp=np.broadcast_to(start, grasps.posture.shape).copy())
+
+    return {
+        HEURISTIC: (heuristic_source(load_hand(hand), prior), {"prior": prior.fingerprint()}),
+        shipped.name: (sample, shipped.describe()),
+    }
+
+
 def main(arguments: Arguments) -> None:
     """Run the conditions one after another."""
-    prior = PosturePrior.pretrained()
     for name, (protocol, hand) in conditions().items():
         if arguments.only and name not in arguments.only:
             continue
-        found = evaluate(
-            "heuristic",
-            heuristic_source(load_hand(hand), prior),
-            per_cell=arguments.per_cell,
-            seed=arguments.seed,
-            protocol=protocol,
-            hand=hand,
-            metadata={"prior": prior.fingerprint()},
-        )
-        found.save(arguments.out / f"sensitivity_{name}.json")
-        print(f"{name}: held {found.held.rate:.3f} [{found.held.low:.3f}, {found.held.high:.3f}] n={found.n}")
+        for model, (source, metadata) in sources(hand).items():
+            found = evaluate(
+                model,
+                source,
+                per_cell=arguments.per_cell,
+                seed=arguments.seed,
+                protocol=protocol,
+                hand=hand,
+                metadata=metadata,
+            )
+            found.save(arguments.out / f"sensitivity_{name}_{model}.json")
+            print(
+                f"{model}, {name}: held {found.held.rate:.3f} [{found.held.low:.3f}, {found.held.high:.3f}] n={found.n}"
+            )
 
 
 if __name__ == "__main__":

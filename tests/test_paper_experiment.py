@@ -28,7 +28,7 @@ from test_cascade_fit import all_held
 
 def test_every_model_of_the_paper_is_run_and_trained_alike() -> None:
     runs = paper_settings.paper_runs()
-    assert len({run.name for run in runs}) == len(runs) == 17
+    assert len({run.name for run in runs}) == len(runs) == 19
     assert {run.model for run in runs} == set(PAPER_MODELS)
     trained = [run.trained for run in runs if run.trained is not None]
     for one in trained:
@@ -56,7 +56,10 @@ def test_an_experiment_changes_one_of_the_papers_models_in_one_respect() -> None
     usual = {run.name: run for run in paper_settings.paper_runs()}
     runs = paper_settings.experiments()
     assert len({run.name for run in runs}) == len(runs)
-    for run in runs:
+    (screened,) = [run for run in runs if run.trained is None]
+    assert (screened.model, usual[HEURISTIC].most_draws) == (HEURISTIC, 1)
+    assert screened.most_draws > 1
+    for run in (run for run in runs if run.trained is not None):
         base = next((model for model in ("model1", "model2") if run.name.endswith(f"_{model}")), "model3")
         assert run.model in {base, f"{base}_opposition_frame"}
         assert run.per_cell == 100

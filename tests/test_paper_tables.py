@@ -28,10 +28,11 @@ from graspcascade.report.paper_runs import (
     read_paper_runs,
     retraining_margin,
     settings,
+    shared_runs,
     training_seed,
 )
 from graspcascade.report.paper_tables import judge
-from graspcascade.report.published import HEURISTIC, ORDERINGS, PAPER_MODELS, SUCCESS_PERCENT, TABLES
+from graspcascade.report.published import HEURISTIC, ORDERINGS, PAPER_MODELS, STATEMENTS, SUCCESS_PERCENT, TABLES
 from graspcascade.trials import PAPER
 from test_evaluation import evaluation
 from test_intervals import counts
@@ -53,7 +54,7 @@ def results(tmp_path: Path) -> Path:
     evaluation(HEURISTIC, 1, 40, 0.2).save(paper / "heuristic.json")
     for seed in (0, 1, 2):
         trained("model3", seed, 0.9, seed + 2).save(paper / f"model3_seed{seed}.json")
-        trained("model1", seed, (0.95, 0.6, 0.6)[seed], seed + 5).save(paper / f"model1_seed{seed}.json")
+        trained("model1", seed, (0.72, 0.55, 0.55)[seed], seed + 5).save(paper / f"model1_seed{seed}.json")
     trained("model2", 0, 0.4, 8).save(paper / "model2.json")
     trained("variant4", 0, 0.9, 4).save(paper / "variant4.json")
     return folder
@@ -170,7 +171,7 @@ def test_what_was_not_run_is_said_to_be_so(results: Path) -> None:
         for one in table.rows:
             cells = row(text.split(f"### Table {table.number}:")[1].split("\n### ")[0], one.label)
             assert cells[3:5] == [f"{one.success_percent:.2f}", "not yet run"]
-    assert f"Of {len(ORDERINGS)} orderings: {len(ORDERINGS)} not yet run." in text
+    assert f"Of {len(ORDERINGS)} orderings: {len(ORDERINGS)} not yet run;" in text
 
 
 def test_a_row_has_the_papers_rate_ours_and_the_trials(results: Path) -> None:
@@ -182,12 +183,13 @@ def test_a_row_has_the_papers_rate_ours_and_the_trials(results: Path) -> None:
         for one in table.rows:
             cells = row(here, one.label, f"`{one.model}`")
             if one.model in runs.runs:
-                found, full = runs.runs[one.model].pooled, runs.runs["model3"].pooled.total
+                found = runs.runs[one.model].pooled
                 ours = [words(found.held), words(found.faithful), str(found.n)]
                 assert cells[3:7] == [f"{one.success_percent:.2f}", *ours]
                 if one.model != "model3":
-                    assert cells[7] == points(found.total.held_over(full))
-                    assert cells[8] == points(found.total.faithful_over(full))
+                    same, full = shared_runs(runs.runs[one.model], runs.runs["model3"])
+                    assert cells[7] == points(same.total.held_over(full.total))
+                    assert cells[8] == points(same.total.faithful_over(full.total))
             else:
                 assert cells[4] == "not yet run"
 
@@ -213,12 +215,12 @@ def test_orderings_are_judged_by_intervals_and_seeds(results: Path) -> None:
     margin = retraining_margin(runs.runs["model3"], runs.runs["model2"], runs.runs)
     assert margin is not None
     assert found("model3", "model2")[6] == f"±{100 * margin:.1f}"
-    difference = points(runs.runs["model2"].pooled.total.held_over(runs.runs["model1"].pooled.total))
-    assert found("model2", "model1")[4] == difference
+    two, one = shared_runs(runs.runs["model2"], runs.runs["model1"])
+    assert found("model2", "model1")[4] == points(two.total.held_over(one.total))
     assert found("variant4", "model3")[2].startswith("undecided")
     assert found("model3", "plain_rotation")[2:] == ["not yet run", "+4.33", "—", "—", "—"]
     # The seeds of model1 lie far apart, so that a clear difference of trials may be retraining's.
-    assert runs.runs["model2"].pooled.total.held_over(runs.runs["model1"].pooled.total).high < 0
+    assert two.total.held_over(one.total).high < 0
     assert found("model2", "model1")[2].startswith("undecided")
     for seed in (0, 1, 2):
         trained("model1", seed, 0.7, seed + 5).save(results / "paper" / f"model1_seed{seed}.json")
@@ -226,19 +228,54 @@ def test_orderings_are_judged_by_intervals_and_seeds(results: Path) -> None:
     assert found("model2", "model1")[2].startswith("not reproduced, difference -")
 
 
-def test_the_margin_of_retraining_is_students_interval() -> None:
-    def runs(model: str, *shares: float) -> Runs:
-        return Runs(model, {seed: trained(model, seed, share, seed) for seed, share in enumerate(shares)})
+def test_statements_count_the_verdicts_of_their_orderings(results: Path) -> None:
+    here = section(page(results), "The paper's orderings")
+    for statement in STATEMENTS:
+        cells = row(here, statement.words)
+        verdicts = [row(here, o.table, f"`{o.better}` > `{o.worse}`")[2].split(",")[0] for o in statement.orderings]
+        assert cells[1:3] == [statement.orderings[0].table, str(len(verdicts))]
+        assert sorted(cells[3].split(", ")) == sorted(f"{verdicts.count(word)} {word}" for word in set(verdicts))
 
-    every = {"model1": runs("model1", 0.5, 0.7), "model2": runs("model2", 0.3, 0.3, 0.9)}
-    rates = [[one.held.rate for one in found.by_seed.values()] for found in every.values()]
+
+def seeds(model: str, first: int, *shares: float) -> Runs:
+    return Runs(model, {seed: trained(model, seed, share, seed) for seed, share in enumerate(shares, first)})
+
+
+def held_rates(*runs: Runs) -> list[list[float]]:
+    return [[one.held.rate for one in found.by_seed.values()] for found in runs]
+
+
+def test_models_are_compared_over_the_seeds_that_both_have() -> None:
+    one, other = seeds("model1", 0, 0.5, 0.7, 0.9), seeds("model2", 1, 0.3, 0.4)
+    assert shared_runs(one, other) == (pool([one.by_seed[1], one.by_seed[2]]), other.pooled)
+    untrained = Runs(HEURISTIC, {None: evaluation()})
+    assert shared_runs(one, untrained) == (one.pooled, untrained.pooled)
+
+
+def test_what_all_models_have_under_a_seed_is_not_retrainings() -> None:
+    every = {
+        name: seeds(name, 0, *shares) for name, shares in (("model1", (0.5, 0.6, 0.9)), ("model2", (0.3, 0.4, 0.7)))
+    }
+    # Two models of three seeds each: what is left of their differences, with two degrees of freedom.
+    rates = np.array(held_rates(*every.values()))
+    spread = np.var(rates[0] - rates[1], ddof=1) / 2
+    expected = 4.302653 * np.sqrt(spread * 2 / 3)
+    assert retraining_margin(every["model1"], every["model2"], every) == pytest.approx(expected, rel=1e-5)
+    assert expected < 0.1 < np.std(rates[0])
+    alone = {"model1": seeds("model1", 0, 0.5, 0.6, 0.9), "model2": seeds("model2", 0, 0.5)}
+    assert retraining_margin(alone["model1"], alone["model2"], alone) is None
+
+
+def test_without_a_shared_seed_the_margin_is_of_the_spread_over_seeds() -> None:
+    every = {"model1": seeds("model1", 0, 0.5, 0.7), "model2": seeds("model2", 2, 0.3, 0.3, 0.9)}
+    rates = held_rates(*every.values())
     pooled = (np.var(rates[0], ddof=1) + 2 * np.var(rates[1], ddof=1)) / 3
     expected = 3.182446 * np.sqrt(pooled * (1 / 2 + 1 / 3))  # t of 0.975 with three degrees of freedom
     assert retraining_margin(every["model1"], every["model2"], every) == pytest.approx(expected, rel=1e-5)
     untrained = Runs(HEURISTIC, {None: evaluation()})
     once = expected * np.sqrt((1 / 2) / (1 / 2 + 1 / 3))
     assert retraining_margin(every["model1"], untrained, every) == pytest.approx(once, rel=1e-5)
-    alone = {"model1": runs("model1", 0.5)}
+    alone = {"model1": seeds("model1", 0, 0.5)}
     assert retraining_margin(alone["model1"], alone["model1"], alone) is None
 
 

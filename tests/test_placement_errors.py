@@ -1,12 +1,17 @@
 """Errors of placement: none for the heuristic, and those that objects were displaced by."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from placement_errors import displaced, off_centre_mm, off_size_mm, tilt_deg
+from placement_errors import displaced, likeness, off_centre_mm, off_size_mm, tilt_deg, turn_rad, variety
+from scipy.spatial.transform import Rotation
 
+from graspcascade.candidates import opposition_points
 from graspcascade.cascade import GraspSampler
 from graspcascade.grasps import Grasps
 from graspcascade.hands import HandModel
+from graspcascade.poses import Pose, as_quat, as_rotation
 
 
 def test_the_heuristic_puts_every_object_in_the_middle_and_straight(drawn: Grasps, hand: HandModel) -> None:
@@ -37,3 +42,33 @@ def test_the_size_asked_for_is_the_one_of_the_rule(hand: HandModel) -> None:
     wider = GraspSampler.pretrained().sample("tripod", "box_medium", n=200)
     wider.grasp_size_m[:] += 0.010
     assert np.median(off_size_mm(sampler, wider)) == pytest.approx(10.0, abs=1.0)
+
+
+def test_turns_are_counted_about_the_line_between_the_digits(drawn: Grasps, hand: HandModel) -> None:
+    turns = turn_rad(hand, drawn)
+    thumb, other = opposition_points(hand, drawn.posture, drawn.grasp_type)
+    line = (other - thumb) / np.linalg.norm(other - thumb, axis=1, keepdims=True)
+    about = Rotation.from_rotvec(0.3 * line) * as_rotation(drawn.X_hand_object.quat_wxyz)
+    turned = replace(drawn, X_hand_object=Pose(drawn.X_hand_object.position_m, as_quat(about)))
+    moved = (turn_rad(hand, turned) - turns)[~np.isnan(turns)] % np.pi
+    assert moved == pytest.approx(0.3, abs=1e-6)
+    assert np.isnan(turns[np.char.startswith(drawn.object_label, "sphere")]).all()
+    assert not np.isnan(turns[np.char.startswith(drawn.object_label, "box")]).any()
+
+
+def test_likeness_is_one_for_the_same_turn_and_zero_for_all() -> None:
+    assert likeness(np.array([0.3, 0.3, 0.3 + np.pi, np.nan])) == 1.0
+    assert likeness(np.linspace(0.0, np.pi, 100, endpoint=False)) == 0.0
+
+
+def test_variety_is_within_type_object_and_side(drawn: Grasps, hand: HandModel) -> None:
+    twice = Grasps.concatenate([drawn, drawn])
+    twice.grasp_size_m[: len(drawn)] += 0.004
+    keys = {*zip(drawn.grasp_type.tolist(), drawn.object_label.tolist(), drawn.side_axis.tolist(), strict=True)}
+    values = [
+        twice.grasp_size_m[(twice.grasp_type == t) & (twice.object_label == o) & (twice.side_axis == s)]
+        for t, o, s in keys
+    ]
+    squares = sum(float(((group - group.mean()) ** 2).sum()) for group in values)
+    expected = 1000.0 * np.sqrt(squares / (len(twice) - len(keys)))
+    assert variety(hand, "all", twice)["grasp size sd mm"] == pytest.approx(expected, abs=0.01)

@@ -42,6 +42,23 @@ def _agreement(grasps: str, figure: str) -> tuple[str | Mapping[str, str], ...]:
     return "comparisons", {"grasps": grasps, "executed": _ABRIDGED}, figure, "rate"
 
 
+@dataclass(frozen=True)
+class Figure:
+    """Hold what was measured, in the unit of its aim.
+
+    Attributes:
+        value: the median of repetitions, or the rate.
+        low: the least repetition, or the interval's lower end; None where it was measured once.
+        high: the greatest, or the upper end.
+        extrapolated: it was measured in part.
+    """
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+    extrapolated: bool = False
+
+
 AIMS = (
     Aim("collection, trials a second", 75, "", _BENCH, ("collection", "trials_per_s", "median"), True),
     Aim("collection, gain", 3, "", _BENCH, ("collection", "gain", "median"), True),
@@ -69,14 +86,14 @@ def aims_table(results: Path) -> str:
         found = measured(results, aim)
         words = f"{'at least' if aim.at_least else 'at most'} {_words(aim.limit, aim.unit)}"
         if found is None:
-            rows.append([aim.what, words, "not measured", MISSING])
+            rows.append([aim.what, words, "not measured", MISSING, MISSING])
         else:
-            met = found >= aim.limit if aim.at_least else found <= aim.limit
-            rows.append([aim.what, words, _words(found, aim.unit), "yes" if met else "**no**"])
-    return table(("what", "asked", "measured", "met"), rows)
+            value = _words(found.value, aim.unit) + (", extrapolated" if found.extrapolated else "")
+            rows.append([aim.what, words, value, _span(found, aim.unit), _met(aim, found)])
+    return table(("what", "asked", "measured", "from, to", "met"), rows)
 
 
-def measured(results: Path, aim: Aim) -> float | None:
+def measured(results: Path, aim: Aim) -> Figure | None:
     """Look up an aim's figure, in its unit; None where it was not measured.
 
     Raises:
@@ -86,12 +103,20 @@ def measured(results: Path, aim: Aim) -> float | None:
     if not path.is_file():
         return None
     found: Any = read_json(path)
+    around: Any = {}
     for step in aim.path:
         try:
-            found = _picked(found, step) if isinstance(step, Mapping) else found[step]
+            around, found = found, _picked(found, step) if isinstance(step, Mapping) else found[step]
         except (KeyError, IndexError):
             return None
-    return 100.0 * float(found) if aim.unit == "%" else float(found)
+    scale = 100.0 if aim.unit == "%" else 1.0
+    ends = _ENDS.get(str(aim.path[-1]), ())
+    low, high = (scale * float(around[end]) for end in ends) if ends else (None, None)
+    return Figure(scale * float(found), low, high, bool(around.get("extrapolated", False)))
+
+
+_ENDS = {"median": ("min", "max"), "rate": ("low", "high")}
+"""What a figure's range is named beside it."""
 
 
 def _picked(rows: list[dict[str, Any]], entries: Mapping[str, str]) -> dict[str, Any]:
@@ -99,6 +124,26 @@ def _picked(rows: list[dict[str, Any]], entries: Mapping[str, str]) -> dict[str,
     return matching[0]
 
 
+def _met(aim: Aim, found: Figure) -> str:
+    def reaches(value: float) -> bool:
+        return value >= aim.limit if aim.at_least else value <= aim.limit
+
+    if not reaches(found.value):
+        return "**no**"
+    whole = all(reaches(end) for end in (found.low, found.high) if end is not None)
+    return "yes" if whole else "yes, though not over the whole range"
+
+
+def _span(found: Figure, unit: str) -> str:
+    if found.low is None or found.high is None:
+        return MISSING
+    return f"{_rounded(found.low, unit)}, {_rounded(found.high, unit)}"
+
+
 def _words(value: float, unit: str) -> str:
+    return f"{_rounded(value, unit)} {unit}".strip()
+
+
+def _rounded(value: float, unit: str) -> str:
     # Shares come close to their limits.
-    return f"{plain(round(value, 3 if unit == '%' else 2))} {unit}".strip()
+    return plain(round(value, 3 if unit == "%" else 2))

@@ -18,6 +18,8 @@ _WEAK = 0.9
 """Cells that hold less often are listed as weak."""
 _TOLD = ("learn_from", "object_pose", "training")
 """Settings that have a line of their own."""
+_LOOP = {"epochs": "epochs at most", "max_steps": "steps at most"}
+"""Settings of the loop that say more by another name: whichever ends first ends a training."""
 
 
 def fill_model_card(page: Path) -> None:
@@ -49,7 +51,7 @@ def _facts(sampler: GraspSampler) -> str:
     about = sampler.metadata
     data, config = about["dataset"], about["config"]
     # The metric's weight follows from the fingertip error, in the stage that makes the posture.
-    loop = config["training"]
+    loop = {_LOOP.get(name, name): value for name, value in config["training"].items() if name != "metric_weight"}
     rows = [
         ("name", f"`{DEFAULT}`, weights {sampler.fingerprint()}"),
         ("factorization", f"`{sampler.factorization.name}`: {sampler.factorization.source}"),
@@ -58,7 +60,7 @@ def _facts(sampler: GraspSampler) -> str:
         ("learned from", f"{about['learned_from']} {config['learn_from']} grasps, objects as {config['object_pose']}"),
         ("data", _words(data)),
         ("training", _words({name: value for name, value in config.items() if name not in _TOLD})),
-        ("training loop", _words({name: value for name, value in loop.items() if name != "metric_weight"})),
+        ("training loop", _words(loop)),
         ("sizes asked for", f"`{sampler.size_mode}`"),
         ("made with", _words(about["versions"])),
     ]

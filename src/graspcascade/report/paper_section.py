@@ -43,8 +43,8 @@ def _opening(found: PaperRuns) -> str:
         "beside the joint angles; those given Os see the side and its axis beside the object's size. The posture "
         "network is not given Os, as the paper's section IV and Table III have it; the formulas beside its Table I "
         "give it Os. The paper's rates are of 27,000 grasps each, executed in another simulator. Trials of all "
-        "training seeds of a model count together: intervals speak of trials, the spread over seeds speaks of "
-        "retraining."
+        "training seeds of a model count together, and differences are over the seeds that both models have. Intervals "
+        "speak of trials, the spread over seeds speaks of retraining."
     )
     if not found.runs:
         return text

@@ -9,8 +9,8 @@ from ..cascade import FACTORIZATIONS, Stage
 from ..evaluation import HEURISTIC
 from ..intervals import Difference
 from .markdown import MISSING, over, points, rate, table
-from .paper_runs import Runs, retraining_margin
-from .published import FULL_MODEL, ORDERINGS, SUCCESS_PERCENT, Ordering, PaperTable
+from .paper_runs import Runs, retraining_margin, shared_runs
+from .published import FULL_MODEL, ORDERINGS, STATEMENTS, SUCCESS_PERCENT, Ordering, PaperTable
 
 NOT_RUN = "not yet run"
 _SYMBOLS = {
@@ -43,14 +43,14 @@ def table_section(paper: PaperTable, runs: Mapping[str, Runs]) -> str:
             rows.append([*about, NOT_RUN, *[MISSING] * 4])
             continue
         total = runs[row.model].pooled.total
-        full = None if row.model == FULL_MODEL or FULL_MODEL not in runs else runs[FULL_MODEL].pooled.total
+        full = None if row.model == FULL_MODEL else runs.get(FULL_MODEL)
         rows.append(
             [
                 *about,
                 rate(total.held_rate),
                 rate(total.faithful_rate),
                 str(total.n),
-                *((MISSING, MISSING) if full is None else over(total, full)),
+                *((MISSING, MISSING) if full is None else _over(runs[row.model], full)),
             ]
         )
     return f"### Table {paper.number}: {paper.question}\n\n{table(header, rows, text_columns=3)}"
@@ -89,34 +89,51 @@ def orderings_section(runs: Mapping[str, Runs]) -> list[str]:
         "table", "the paper's ordering", "verdict", "paper, points", "held, points", "faithful, points",
         "retraining, points",
     )  # fmt: skip
-    rows, verdicts = [], Counter[str]()
-    for ordering in ORDERINGS:
-        claim = SUCCESS_PERCENT[ordering.better] - SUCCESS_PERCENT[ordering.worse]
-        word, *numbers = _compare(ordering, claim / 100, runs)
-        verdicts[word.split(",")[0]] += 1
-        name = f"`{ordering.better}` > `{ordering.worse}`"
-        rows.append([ordering.table, name, word, f"{claim:+.2f}", *numbers])
+    rows, verdicts, statements = [], Counter[str](), []
+    for statement in STATEMENTS:
+        found = Counter[str]()
+        for ordering in statement.orderings:
+            claim = SUCCESS_PERCENT[ordering.better] - SUCCESS_PERCENT[ordering.worse]
+            word, *numbers = _compare(ordering, claim / 100, runs)
+            found[word.split(",")[0]] += 1
+            name = f"`{ordering.better}` > `{ordering.worse}`"
+            rows.append([ordering.table, name, word, f"{claim:+.2f}", *numbers])
+        statements.append([statement.words, statement.orderings[0].table, str(found.total()), _counts(found)])
+        verdicts += found
     text = (
+        "Differences are over the training seeds that both models have: under the same seed they are asked for the "
+        "same types, objects and sides, and networks that they have in common are the same. "
         "Reproduced: the difference of held rates is above zero with its whole interval, and larger than what "
         "retraining the same models with other seeds may do by itself. Not reproduced: the same below zero. "
         "Undecided: neither. Retraining: 95 % of differences between equal models would stay within so many points, "
-        "by the spread over the seeds of the models that have several, Student's t; each seed has trials of its own, "
-        "so that their chance is in it. Where no spread is known, trials alone decide. Each ordering is judged by "
-        f"itself, at 95 %: one may come out wrong by chance. Of {len(ORDERINGS)} orderings: "
-        + ", ".join(f"{count} {word}" for word, count in verdicts.most_common())
-        + "."
+        "by what model and seed leave of the spread of the rates of all models that have several seeds, Student's t; "
+        "between models without a common seed, by the spread over seeds. Each seed has trials of its own, so that "
+        "their chance is in it. Where no spread is known, trials alone decide. Each ordering is judged by "
+        f"itself, at 95 %: one may come out wrong by chance. Of {len(ORDERINGS)} orderings: {_counts(verdicts)}; those "
+        "of one statement stand and fall together, so that statements count:"
     )
-    return ["### The paper's orderings", text, table(header, rows, text_columns=3)]
+    summary = table(("what the paper concludes", "table", "orderings", "verdicts"), statements, text_columns=2)
+    return ["### The paper's orderings", text, summary, table(header, rows, text_columns=3)]
+
+
+def _counts(verdicts: Counter[str]) -> str:
+    return ", ".join(f"{count} {word}" for word, count in verdicts.most_common())
 
 
 def _compare(ordering: Ordering, claim: float, runs: Mapping[str, Runs]) -> tuple[str, str, str, str]:
     if not {ordering.better, ordering.worse} <= runs.keys():
         return NOT_RUN, MISSING, MISSING, MISSING
     better, worse = runs[ordering.better], runs[ordering.worse]
-    one, other = better.pooled.total, worse.pooled.total
+    one, other = shared_runs(better, worse)
     margin = retraining_margin(better, worse, runs)
-    word = judge(one.held_over(other), claim, margin)
-    return word, *over(one, other), MISSING if margin is None else f"±{100 * margin:.1f}"
+    word = judge(one.total.held_over(other.total), claim, margin)
+    return word, *_over(better, worse), MISSING if margin is None else f"±{100 * margin:.1f}"
+
+
+def _over(better: Runs, worse: Runs) -> tuple[str, str]:
+    """Word the differences of two models over the training seeds that both have."""
+    one, other = shared_runs(better, worse)
+    return over(one.total, other.total)
 
 
 def judge(found: Difference, claim: float, margin: float | None = None) -> str:

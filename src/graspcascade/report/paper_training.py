@@ -11,6 +11,8 @@ from .markdown import MISSING, percent, plain, rates, table
 from .paper_runs import PaperRuns, Runs, metadata_differences, settings
 from .published import FULL_MODEL
 
+_ROUNDING_NATS = 1e-6
+
 
 def seed_section(runs: Mapping[str, Runs]) -> list[str]:
     """List the rates of every training seed and their spread; nothing where no model has several."""
@@ -76,6 +78,11 @@ def settings_section(found: PaperRuns) -> list[str]:
     return [*blocks, text, table(("model", "training seed", "what differs"), differing, text_columns=3)]
 
 
+def _divergence(nats: float) -> str:
+    # That of unused latents is 0 but for rounding, of either sign.
+    return "0" if abs(nats) < _ROUNDING_NATS else f"{nats:.4g}"
+
+
 def curve_section(found: PaperRuns, gallery: Gallery) -> list[str]:
     """List where every training ended, and show the curves."""
     rows = []
@@ -90,7 +97,7 @@ def curve_section(found: PaperRuns, gallery: Gallery) -> list[str]:
                     str(values.epoch[-1]),
                     f"{values.train_loss[-1]:.4g}",
                     f"{values.train_reconstruction[-1]:.4g}",
-                    f"{values.train_kl[-1]:.4g}",
+                    _divergence(values.train_kl[-1]),
                     MISSING if validation is None else f"{validation:.4g}",
                 ]
             )
@@ -101,7 +108,9 @@ def curve_section(found: PaperRuns, gallery: Gallery) -> list[str]:
         "### Training curves",
         "The last epoch of every stage; losses of different stages, or of different outputs, are on different scales. "
         "The divergence's weight rises over the beginning of a run, so that losses of its first epochs are another "
-        "quantity. A grasp of a rare object and type that is repeated in training may be among the held-out rows too.",
+        "quantity. A network with a divergence of 0 leaves its latents unused and draws nothing: its outputs follow "
+        "from what it is given, as the heuristic's position follows from the posture. A grasp of a rare object and "
+        "type that is repeated in training may be among the held-out rows too.",
         table(header, rows, text_columns=2),
         *gallery.show(TRAINING_CURVES, "Loss on held-out rows (solid) and on the training rows (dotted) by epoch"),
     ]

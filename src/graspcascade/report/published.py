@@ -52,6 +52,14 @@ class Ordering:
     worse: str
 
 
+@dataclass(frozen=True)
+class Statement:
+    """Hold what the paper concludes, and the comparisons it takes."""
+
+    words: str
+    orderings: tuple[Ordering, ...]
+
+
 TABLES: tuple[PaperTable, ...] = (
     PaperTable(
         "I",
@@ -95,14 +103,26 @@ MAIN_MODELS = tuple(name for name in PAPER_MODELS if name in {row.model for row 
 """The heuristic and the ways of dividing the distribution, Table I."""
 
 _INFORMED = ("model3", "variant2", "variant3", "variant4", "variant6")
-ORDERINGS: tuple[Ordering, ...] = (
-    Ordering("I", "model3", "model2"),
-    Ordering("I", "model2", "model1"),
-    Ordering("I", "model1", HEURISTIC),
-    Ordering("II", "model3", "plain_rotation"),
-    *(Ordering("III", name, "variant5") for name in _INFORMED),
-    *(Ordering("III", name, "variant7") for name in (*_INFORMED, "variant5")),
-    Ordering("III", "variant4", "model3"),
+STATEMENTS: tuple[Statement, ...] = (
+    Statement("three networks hold more than two", (Ordering("I", "model3", "model2"),)),
+    Statement("two networks hold more than one", (Ordering("I", "model2", "model1"),)),
+    Statement("even one network holds more than the heuristic", (Ordering("I", "model1", HEURISTIC),)),
+    Statement(
+        "a von Mises-Fisher distribution on rotations holds more than a plain output",
+        (Ordering("II", "model3", "plain_rotation"),),
+    ),
+    Statement(
+        "without any size (variant 5) less holds", tuple(Ordering("III", name, "variant5") for name in _INFORMED)
+    ),
+    Statement(
+        "without the object's type (variant 7) least holds",
+        tuple(Ordering("III", name, "variant7") for name in (*_INFORMED, "variant5")),
+    ),
+    Statement(
+        "without the grasp's size (variant 4) most holds",
+        tuple(Ordering("III", "variant4", name) for name in _INFORMED if name != "variant4"),
+    ),
 )
-"""What section V concludes: each division and the distribution on rotations help, variant 7 is worst, variant 5 next to
-it, and variant 4 best."""
+"""What section V concludes."""
+ORDERINGS = tuple(ordering for statement in STATEMENTS for ordering in statement.orderings)
+"""All that is compared for it."""
