@@ -435,9 +435,14 @@ def test_evaluate_prints_rates_with_their_protocol_and_goes_on_from_its_folder(c
     assert set(report["held"]) == {"rate", "low", "high"}
     assert {"grasp_type", "object", "n", "held", "faithful"} <= set(report["cells"][0])
     said = call(*asked)
+    assert said.out.startswith("heuristic under protocol paper")
     assert "protocol paper, 54 trials: held" in said.out
     assert all(label in said.out for label in CATALOGUE)
     assert_refused(call(*asked, "--seed", 1), str(tmp_path / "run"))
+
+
+def test_evaluate_tells_a_users_model_from_others_of_its_kind(call: Call, model: Path) -> None:
+    assert call("evaluate", "--model", model, "--per-cell", 1).out.startswith(f"model3 ({model}) under protocol paper")
 
 
 def test_evaluate_refuses_before_any_trial(call: Call, tmp_path: Path) -> None:

@@ -57,7 +57,8 @@ class Evaluate:
         if self.json:
             print_json(found.to_json())
         else:
-            _print_rates(found)
+            # Every user's model has the name of its factorization; the folder tells which it is.
+            _print_rates(found, found.model if found.model == self.model else f"{found.model} ({self.model})")
 
     def _source(self) -> tuple[str, Source, dict[str, Any]]:
         if self.model == HEURISTIC:
@@ -72,9 +73,9 @@ class Evaluate:
         return sampler.name, model_source(sampler), sampler.describe()
 
 
-def _print_rates(found: Evaluation) -> None:
+def _print_rates(found: Evaluation, title: str) -> None:
     print(
-        f"{found.model} under protocol {found.protocol.name}, {found.per_cell} trials a cell: "
+        f"{title} under protocol {found.protocol.name}, {found.per_cell} trials a cell: "
         "% held / % held and type-faithful"
     )
     cells = {(cell.object_label, cell.grasp_type): cell for cell in found.cells}
