@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,6 +46,10 @@ class GraspObject:
     def graspable_sides_m(self) -> dict[str, float]:
         """Give the sides no wider than `MAX_SIDE_M`."""
         return {axis: side for axis, side in self.sides_m.items() if side <= MAX_SIDE_M + 1e-9}
+
+    def to_json(self) -> dict[str, Any]:
+        """Give shape and extents, in metres, as files describe an object under its label."""
+        return {"shape": self.shape, "extents_m": list(self.extents_m)}
 
     @property
     def volume_m3(self) -> float:

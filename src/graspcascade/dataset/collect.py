@@ -237,7 +237,7 @@ def _open(
         "prior": prior.fingerprint(),
         "protocol": protocol.to_json(),
         "creep_projection": None if creep is None else asdict(creep),
-        "objects": {label: {"shape": o.shape, "extents_m": list(o.extents_m)} for label, o in CATALOGUE.items()},
+        "objects": {label: obj.to_json() for label, obj in CATALOGUE.items()},
         "screening": "candidates whose opposing places stay farther apart than the side is wide are skipped",
         "seed": spec.seed,
         "round_per_cell": spec.round_per_cell,

@@ -72,7 +72,7 @@ def header(document: GraspDocument) -> dict[str, Any]:
         "frames": FRAMES,
         "quaternion_order": "wxyz",
         "joint_names": list(grasps.joint_names),
-        "objects": {label: {"shape": o.shape, "extents_m": list(o.extents_m)} for label, o in objects.items()},
+        "objects": {label: obj.to_json() for label, obj in objects.items()},
         "metadata": document.metadata,
     }
     if document.X_world_object is not None:

@@ -251,7 +251,7 @@ def _ordered(posture: Mapping[str, float], hand: HandModel) -> NDArray[np.float6
 
 
 def _open_hand() -> dict[str, float]:
-    return {name: SHADOW_HAND.pregrasp_rad.get(name, 0.0) for name in SHADOW_HAND.joint_names}
+    return dict(zip(SHADOW_HAND.joint_names, SHADOW_HAND.pregrasp, strict=True))
 
 
 def _noted(notes: Mapping[str, Any], name: str) -> float:

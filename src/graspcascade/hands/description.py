@@ -63,6 +63,11 @@ class HandDescription:
         """Hash what tells hands apart, so that what is built for a hand can be kept by it."""
         return hash((self.name, self.mjcf, self.prefix))
 
+    @property
+    def pregrasp(self) -> tuple[float, ...]:
+        """Give the open hand before closing, radians, in the order of the joints."""
+        return tuple(self.pregrasp_rad.get(name, 0.0) for name in self.joint_names)
+
     def fingerprint(self) -> str:
         """Give a short digest of the description and of its MJCF file, wherever that lies."""
         about = asdict(self) | {"mjcf": hashlib.sha256(self.mjcf.read_bytes()).hexdigest()}

@@ -74,7 +74,7 @@ class HandModel:
     @cached_property
     def pregrasp(self) -> Array:
         """Give the open hand ``(J,)`` before closing."""
-        return np.array([self.description.pregrasp_rad.get(name, 0.0) for name in self.joint_names])
+        return np.array(self.description.pregrasp)
 
     @cached_property
     def _coupled_columns(self) -> list[tuple[int, int]]:

@@ -168,12 +168,14 @@ _FIELD_DEG = 18.0
 def _build(hand: HandDescription | None, obj: GraspObject, width: int, height: int) -> _Set:
     import mujoco
 
+    from ..trials.scene import object_geom
+
     spec = mujoco.MjSpec() if hand is None else load_spec(hand)
     _light(spec, width, height)
     if hand is not None:
         _dress(spec, hand)
     body = spec.worldbody.add_body(name="shown_object", mocap=True)
-    kind, size = _shape(obj)
+    kind, size = object_geom(obj)
     body.add_geom(type=kind, size=size, rgba=ORANGE)
     model = spec.compile()
     # Clipping planes and shadows are relative to the extent, which must not depend on the object.
@@ -224,18 +226,6 @@ def _dress(spec: Any, hand: HandDescription) -> None:
             geom.rgba = _KNUCKLE
         elif any(joint.name for joint in geom.parent.joints) or geom.contype:
             geom.rgba = _LINK
-
-
-def _shape(obj: GraspObject) -> tuple[Any, list[float]]:
-    import mujoco
-
-    x, y, z = (extent / 2 for extent in obj.extents_m)
-    shapes: dict[str, tuple[Any, list[float]]] = {
-        "box": (mujoco.mjtGeom.mjGEOM_BOX, [x, y, z]),
-        "cylinder": (mujoco.mjtGeom.mjGEOM_CYLINDER, [x, z, 0.0]),
-        "sphere": (mujoco.mjtGeom.mjGEOM_SPHERE, [x, 0.0, 0.0]),
-    }
-    return shapes[obj.shape]
 
 
 def _hand_pose(found: _Set, hand: HandDescription) -> Pose:

@@ -140,15 +140,21 @@ def _palm_to_world(spec: Any, hand: HandDescription) -> None:
     body.pos, body.quat = position, quat
 
 
-def _add_object(spec: Any, obj: GraspObject, protocol: Protocol) -> None:
-    body = spec.worldbody.add_body(name=OBJECT)
-    body.add_freejoint(name=OBJECT)
+def object_geom(obj: GraspObject) -> tuple[Any, list[float]]:
+    """Give the type and the three sizes, metres, of the engine's geom of an object."""
     x, y, z = (extent / 2 for extent in obj.extents_m)
-    kind, size = {
+    shapes: dict[str, tuple[Any, list[float]]] = {
         "box": (mujoco.mjtGeom.mjGEOM_BOX, [x, y, z]),
         "cylinder": (mujoco.mjtGeom.mjGEOM_CYLINDER, [x, z, 0.0]),
         "sphere": (mujoco.mjtGeom.mjGEOM_SPHERE, [x, 0.0, 0.0]),
-    }[obj.shape]
+    }
+    return shapes[obj.shape]
+
+
+def _add_object(spec: Any, obj: GraspObject, protocol: Protocol) -> None:
+    body = spec.worldbody.add_body(name=OBJECT)
+    body.add_freejoint(name=OBJECT)
+    kind, size = object_geom(obj)
     density = DENSITY_KG_M3 * protocol.density_factor
     body.add_geom(name=OBJECT, type=kind, size=size, density=density, rgba=[0.85, 0.45, 0.2, 1.0])
 
