@@ -26,13 +26,12 @@ from graspcascade.report.paper_runs import (
     Runs,
     metadata_differences,
     read_paper_runs,
-    retraining_margin,
     settings,
-    shared_runs,
     training_seed,
 )
 from graspcascade.report.paper_tables import judge
 from graspcascade.report.published import HEURISTIC, ORDERINGS, PAPER_MODELS, STATEMENTS, SUCCESS_PERCENT, TABLES
+from graspcascade.report.retraining import retraining_margin, shared_runs
 from graspcascade.trials import PAPER
 from test_evaluation import evaluation
 from test_intervals import counts

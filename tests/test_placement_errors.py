@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from placement_errors import displaced, likeness, off_centre_mm, off_size_mm, tilt_deg, turn_rad, variety
+from placement import off_centre_mm, tilt_deg, turn_rad
+from placement_errors import displaced, likeness, off_size_mm, variety
 from scipy.spatial.transform import Rotation
 
 from graspcascade.candidates import opposition_points

@@ -9,8 +9,9 @@ from ..cascade import FACTORIZATIONS, Stage
 from ..evaluation import HEURISTIC
 from ..intervals import Difference
 from .markdown import MISSING, over, points, rate, table
-from .paper_runs import Runs, retraining_margin, shared_runs
+from .paper_runs import Runs
 from .published import FULL_MODEL, ORDERINGS, STATEMENTS, SUCCESS_PERCENT, Ordering, PaperTable
+from .retraining import retraining_margin, shared_runs
 
 NOT_RUN = "not yet run"
 _SYMBOLS = {
