@@ -193,8 +193,8 @@ def main(arguments: Arguments) -> None:
         "models": rows,
         "displaced": tried,
         "variety": varieties,
-        "objects": objects,
-        "file_only": ["objects"],
+        "placements by object": objects,
+        "file_only": ["placements by object"],
     }
     write_json(arguments.out, result)
 
