@@ -19,7 +19,7 @@ import tyro
 
 from graspcascade.bench.trials import evaluation_grasps
 from graspcascade.cascade import GraspSampler
-from graspcascade.evaluation import heuristic_source, model_source
+from graspcascade.evaluation import HEURISTIC, heuristic_source, model_source
 from graspcascade.files import write_json
 from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, HandDescription, load_hand, load_spec, shadow_hand
@@ -83,7 +83,7 @@ def main(arguments: Arguments) -> None:
     other = SHADOW_HAND.with_model(arguments.mjcf, "mesh hand", arguments.prefix)
     mesh_hand = load_hand(other)
     all_grasps, types, size_differences = [], [], []
-    for name, source in {"heuristic": heuristic_source(hand, prior), shipped.name: model_source(shipped)}.items():
+    for name, source in {HEURISTIC: heuristic_source(hand, prior), shipped.name: model_source(shipped)}.items():
         grasps = evaluation_grasps(source, arguments.per_cell, arguments.seed)
         ours, theirs = run(grasps, PAPER), run(grasps, PAPER, hand=other)
         all_grasps.append(compare(name, grasps, ours, theirs))

@@ -26,7 +26,7 @@ from graspcascade.cli.train import Epochs
 from graspcascade.dataset import Dataset, load_dataset
 from graspcascade.dataset.shards import read_metadata, shards_digest
 from graspcascade.errors import InputError, unknown
-from graspcascade.evaluation import Evaluation, evaluate, heuristic_source, model_source
+from graspcascade.evaluation import Evaluation, evaluate, heuristic_metadata, heuristic_source, model_source
 from graspcascade.files import write_folder_staged, write_text
 from graspcascade.hands import shadow_hand
 from graspcascade.nets import TrainingSpec
@@ -106,9 +106,7 @@ class Experiment:
         if sampler is None:
             prior = PosturePrior.pretrained()
             source = heuristic_source(shadow_hand(), prior, run.most_draws)
-            metadata: dict[str, Any] = {"prior": prior.fingerprint()}
-            if run.most_draws > 1:
-                metadata["most_draws"] = run.most_draws
+            metadata = heuristic_metadata(prior, run.most_draws)
         else:
             sampler = replace(sampler, size_mode=run.size_mode)
             source, metadata = model_source(sampler), sampler.describe()

@@ -18,7 +18,7 @@ import tyro
 from numpy.typing import NDArray
 
 from graspcascade.cascade import GraspSampler
-from graspcascade.evaluation import HEURISTIC, Source, evaluate, heuristic_source
+from graspcascade.evaluation import HEURISTIC, Source, evaluate, heuristic_metadata, heuristic_source
 from graspcascade.grasps import Grasps
 from graspcascade.hands import SHADOW_HAND, HandDescription, load_hand
 from graspcascade.postures import PosturePrior
@@ -59,27 +59,28 @@ def conditions() -> dict[str, tuple[Protocol, HandDescription]]:
     return found | {"flat_thumb": (replace(PAPER, name="paper, flat thumb"), flat_thumb)}
 
 
-def sources(hand: HandDescription) -> dict[str, tuple[Source, dict[str, Any]]]:
+def sources(
+    hand: HandDescription, prior: PosturePrior, shipped: GraspSampler
+) -> dict[str, tuple[Source, dict[str, Any]]]:
     """Give by model where grasps come from, which start as the hand does, and what is recorded of the model."""
-    prior, shipped = PosturePrior.pretrained(), GraspSampler.pretrained()
-    start = load_hand(hand).pregrasp
 
     def sample(types: Names, labels: Names, axes: Names, rng: np.random.Generator) -> Grasps:
         grasps = shipped.sample_rows(types, labels, axes, rng)
-        return replace(grasps, pregrasp=np.broadcast_to(start, grasps.posture.shape).copy())
+        return replace(grasps, pregrasp=np.tile(hand.pregrasp, (len(grasps), 1)))
 
     return {
-        HEURISTIC: (heuristic_source(load_hand(hand), prior), {"prior": prior.fingerprint()}),
+        HEURISTIC: (heuristic_source(load_hand(hand), prior), heuristic_metadata(prior)),
         shipped.name: (sample, shipped.describe()),
     }
 
 
 def main(arguments: Arguments) -> None:
     """Run the conditions one after another."""
+    prior, shipped = PosturePrior.pretrained(), GraspSampler.pretrained()
     for name, (protocol, hand) in conditions().items():
         if arguments.only and name not in arguments.only:
             continue
-        for model, (source, metadata) in sources(hand).items():
+        for model, (source, metadata) in sources(hand, prior, shipped).items():
             found = evaluate(
                 model,
                 source,

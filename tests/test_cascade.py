@@ -35,6 +35,12 @@ from graspcascade.trials import PAPER, Outcomes
 
 HAND = shadow_hand()
 TINY = CascadeTraining(training=TrainingSpec(epochs=2, batch_size=64))
+BAD_ROWS = [
+    (("tripodd", "box_small", "x"), "unknown grasp type 'tripodd'. Did you mean 'tripod'"),
+    (("tripod", "box_smal", "x"), "unknown object 'box_smal'. Did you mean 'box_small'"),
+    (("tripod", "box_small", "w"), "unknown side axis 'w'"),
+    (("tripod", "box_large", "z"), "side z of box_large is 7 cm, beyond the hand's reach"),
+]
 
 
 def drawn_candidates(n: int, seed: int = 0) -> Grasps:
@@ -366,15 +372,7 @@ def test_rows_asked_together_are_sampled_as_rows_asked_alone(fitted: FittedCasca
 
 
 @pytest.mark.parametrize("mode", get_args(SizeMode))
-@pytest.mark.parametrize(
-    ("row", "message"),
-    [
-        (("tripodd", "box_small", "x"), "unknown grasp type 'tripodd'. Did you mean 'tripod'"),
-        (("tripod", "box_smal", "x"), "unknown object 'box_smal'. Did you mean 'box_small'"),
-        (("tripod", "box_small", "w"), "unknown side axis 'w'"),
-        (("tripod", "box_large", "z"), "side z of box_large is 7 cm, beyond the hand's reach"),
-    ],
-)
+@pytest.mark.parametrize(("row", "message"), BAD_ROWS)
 def test_one_bad_row_among_many_is_refused_as_if_it_were_alone(
     fitted: FittedCascade, row: tuple[str, str, str], message: str, mode: SizeMode
 ) -> None:
@@ -535,10 +533,7 @@ def test_truncated_foreign_and_missing_weights_are_refused_in_one_line(fitted: F
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("tripodd", "box_small", "x"), "tripod"),
-        (("tripod", "box_smal", "x"), "box_small"),
-        (("tripod", "box_large", "z"), "reach"),
-        (("tripod", "box_small", "w"), "side axis"),
+        *BAD_ROWS,
         (("tripod", "box_small", "x", 0), "at least 1"),
         (("tripod", "box_small", "x", -3), "at least 1"),
     ],

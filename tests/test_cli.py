@@ -2,8 +2,6 @@
 
 import hashlib
 import json
-import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -31,6 +29,7 @@ from graspcascade.postures import LabelledPostures, PosturePrior, export_posture
 from graspcascade.taxonomy import GRASP_TYPES
 from graspcascade.trials import PAPER, VERDICTS, Outcomes
 from graspcascade.workers import run_jobs
+from test_workers import be_killed
 
 
 @dataclass(frozen=True)
@@ -191,10 +190,6 @@ def test_trouble_with_the_disk_is_status_1_and_one_line(
     monkeypatch.setattr("graspcascade.cli.collect.collect", full)
     said = call("collect", "--out", tmp_path / "data")
     assert (said.status, said.err) == (1, "graspcascade collect: no space left on device\n")
-
-
-def be_killed(report: Callable[[Any], None]) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_a_killed_worker_is_status_1_and_one_line(call: Call, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:

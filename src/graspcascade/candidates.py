@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InputError, unknown
+from .errors import InputError, check_name
 from .grasps import Grasps
 from .hands import HandModel
 from .objects import AXES, grasp_object
@@ -47,8 +47,7 @@ def candidates(
         InputError: an unknown name, a side that cannot be held, lengths that differ, or a hand that lacks a contact
             place of a type.
     """
-    if free_angle not in get_args(FreeAngle):
-        raise unknown("free angle", free_angle, get_args(FreeAngle))
+    check_name("free angle", free_angle, get_args(FreeAngle))
     postures = hand.executed(np.atleast_2d(np.asarray(postures, dtype=np.float64)))
     types = _spelled(grasp_types, lambda name: grasp_type(name).name)
     labels = _spelled(object_labels, lambda label: grasp_object(label).label)

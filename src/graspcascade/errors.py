@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 
 class InputError(ValueError):
@@ -26,3 +26,13 @@ def unknown(kind: str, given: object, valid: Iterable[str]) -> InputError:
     near = difflib.get_close_matches(str(given).lower().replace(" ", "_"), names, n=1, cutoff=0.5)
     hint = f" Did you mean {near[0]!r}?" if near else ""
     return InputError(f"unknown {kind} {given!r}.{hint} Valid: {', '.join(names)}.")
+
+
+def check_name(kind: str, given: str, valid: Collection[str]) -> None:
+    """Check that a name is one of the valid ones.
+
+    Raises:
+        InputError: it is not; see `unknown`.
+    """
+    if given not in valid:
+        raise unknown(kind, given, valid)

@@ -14,6 +14,8 @@ _BENCH = "performance/bench.json"
 _SCALING = "performance/collection_scaling.json"
 _AGREEMENT = "verdict_agreement.json"
 _HEURISTIC, _CASCADE, _ABRIDGED = "heuristic, screened", "model3", "abridged as in a collection"
+_ENDS = {"median": ("min", "max"), "rate": ("low", "high")}
+"""What a figure's range is named beside it."""
 
 
 @dataclass(frozen=True)
@@ -113,10 +115,6 @@ def measured(results: Path, aim: Aim) -> Figure | None:
     ends = _ENDS.get(str(aim.path[-1]), ())
     low, high = (scale * float(around[end]) for end in ends) if ends else (None, None)
     return Figure(scale * float(found), low, high, bool(around.get("extrapolated", False)))
-
-
-_ENDS = {"median": ("min", "max"), "rate": ("low", "high")}
-"""What a figure's range is named beside it."""
 
 
 def _picked(rows: list[dict[str, Any]], entries: Mapping[str, str]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, unknown
+from ..errors import InputError, check_name
 
 if TYPE_CHECKING:
     from ..grasps import Grasps
@@ -67,8 +67,7 @@ def check_parts(only: Collection[str]) -> tuple[str, ...]:
         InputError: an unknown part.
     """
     for name in only:
-        if name not in PARTS:
-            raise unknown("part", name, PARTS)
+        check_name("part", name, PARTS)
     return tuple(name for name in PARTS if name in only or not only)
 
 

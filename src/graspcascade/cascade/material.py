@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..candidates import opposition_points
 from ..dataset import Dataset
-from ..errors import InputError, unknown
+from ..errors import InputError, check_name
 from ..grasps import Grasps
 from ..hands import HandModel
 from ..nets import TrainingSpec
@@ -58,10 +58,8 @@ class CascadeTraining:
     """The training loop of every stage; its metric weight is set from the fingertip error."""
 
     def __post_init__(self) -> None:
-        if self.learn_from not in get_args(LearnFrom):
-            raise unknown("choice of grasps to learn from", self.learn_from, get_args(LearnFrom))
-        if self.object_pose not in get_args(ObjectPose):
-            raise unknown("object pose to learn", self.object_pose, get_args(ObjectPose))
+        check_name("choice of grasps to learn from", self.learn_from, get_args(LearnFrom))
+        check_name("object pose to learn", self.object_pose, get_args(ObjectPose))
         if not self.most_repeats >= 1:
             raise InputError(f"most_repeats must be at least 1, got {self.most_repeats}")
         least, most = _FINGERTIP_ERRORS_M

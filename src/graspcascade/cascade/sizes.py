@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, unknown
+from ..errors import InputError, check_name
 from ..intervals import wilson_bounds
 from .encoding import Request
 
@@ -124,8 +124,7 @@ def check_size_mode(mode: str) -> None:
     Raises:
         InputError: there is none of that name.
     """
-    if mode not in get_args(SizeMode):
-        raise unknown("size mode", mode, get_args(SizeMode))
+    check_name("size mode", mode, get_args(SizeMode))
 
 
 def _measured_on(

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from ..errors import unknown
+from ..errors import check_name
 
 Target = Literal["posture", "position", "rotation"]
 Quantity = Literal["posture", "position", "grasp_type", "grasp_size", "object_type", "object_size"]
@@ -51,8 +51,7 @@ class Stage:
             ("rotation head", (self.rotation_head,), RotationHead),
         ):
             for name in names:
-                if name not in get_args(valid):
-                    raise unknown(kind, name, get_args(valid))
+                check_name(kind, name, get_args(valid))
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,7 @@ class Factorization:
     source: str = ""
 
     def __post_init__(self) -> None:
-        if self.frame not in get_args(Frame):
-            raise unknown("frame", self.frame, get_args(Frame))
+        check_name("frame", self.frame, get_args(Frame))
 
 
 _ALL: tuple[Quantity, ...] = ("grasp_type", "grasp_size", "object_type", "object_size")
@@ -157,8 +155,7 @@ def factorization(name: str) -> Factorization:
     Raises:
         InputError: the name is not one of `FACTORIZATIONS`.
     """
-    if name not in FACTORIZATIONS:
-        raise unknown("factorization", name, FACTORIZATIONS)
+    check_name("factorization", name, FACTORIZATIONS)
     return FACTORIZATIONS[name]
 
 

@@ -43,8 +43,7 @@ class Collect:
         at_least("threads", self.threads, 0)
         prior = PosturePrior.pretrained() if self.prior is None else PosturePrior.load(self.prior)
         told: set[str] = set()
-        done = most = in_round = 0
-        rate = ""
+        latest, in_round = CollectionState.of(()), 0
 
         def tell(words: str) -> None:
             if words not in told:
@@ -54,20 +53,20 @@ class Collect:
         with bar(self._goal[0], self._target) as progress:
 
             def report(state: CollectionState) -> None:
-                nonlocal done, most, in_round, rate
+                nonlocal latest, in_round
+                latest, in_round = state, 0
                 if state.lost and not told:
                     tell(f"missing or changed shards are collected again: {', '.join(state.lost)}")
                 for cell in state.rare(self.spec):
                     tell(f"{cell_name(cell)} hardly ever holds; --most-trials-per-cell gives such cells up")
-                done, most, in_round = self._done(state), self._done_after_a_round(state), 0
-                rate = f"held {_rate(state)}"
-                progress.show(done, note=rate)
+                progress.show(self._done(state), note=f"held {_rate(state)}")
 
             def tick(decided: int) -> None:
-                nonlocal done, in_round
+                nonlocal in_round
+                in_round += decided
                 # Decided trials are not all of what is counted: some are more than a cell needs, or do not hold.
-                done, in_round = min(done + decided, most), in_round + decided
-                progress.show(done, note=f"{rate}, {in_round} trials into the round")
+                done = min(self._done(latest) + in_round, self._done_after_a_round(latest))
+                progress.show(done, note=f"held {_rate(latest)}, {in_round} trials into the round")
 
             state = collect(
                 shadow_hand(),

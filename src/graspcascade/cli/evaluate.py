@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..evaluation import HEURISTIC, Evaluation, Source, Tally, evaluate, heuristic_source, model_source
+from ..evaluation import (
+    HEURISTIC,
+    Evaluation,
+    Source,
+    Tally,
+    evaluate,
+    heuristic_metadata,
+    heuristic_source,
+    model_source,
+)
 from ..trials import protocol
 from .console import at_least, bar, interval, print_json, print_table
 
@@ -66,7 +75,7 @@ class Evaluate:
             from ..postures import PosturePrior
 
             prior = PosturePrior.pretrained() if self.prior is None else PosturePrior.load(self.prior)
-            return HEURISTIC, heuristic_source(shadow_hand(), prior), {"prior": prior.fingerprint()}
+            return HEURISTIC, heuristic_source(shadow_hand(), prior), heuristic_metadata(prior)
         from .models import load_sampler
 
         sampler = load_sampler(self.model)

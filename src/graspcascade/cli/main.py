@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ..errors import InputError, unknown
+from ..errors import InputError, check_name
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -91,8 +91,7 @@ def _run(name: str, arguments: list[str]) -> int:
         return DONE
     if not name:
         raise InputError(f"give a command: {', '.join(VERBS)} (see graspcascade --help)")
-    if name not in VERBS:
-        raise unknown("command", name, VERBS)
+    check_name("command", name, VERBS)
     module = importlib.import_module(f".{VERBS[name].module}", __package__)
     command = _parse(name, getattr(module, name.capitalize()), arguments)
     if command is not None:

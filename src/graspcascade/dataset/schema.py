@@ -18,8 +18,6 @@ from ..grasps import Grasps
 from ..poses import Pose, canonical_quat
 from ..trials import TOUCH_COLUMNS, Outcomes
 
-__all__ = ["SCHEMA_VERSION", "from_columns", "to_columns"]
-
 SCHEMA_VERSION = 1
 
 _LABELS = ("grasp_type", "object_label", "side_axis")

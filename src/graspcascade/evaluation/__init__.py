@@ -3,7 +3,7 @@
 from ..intervals import Difference, Interval, newcombe, wilson
 from .record import Cell, Evaluation, Tally
 from .runs import ROUND_PER_CELL, evaluate
-from .sources import HEURISTIC, RowSampler, Source, heuristic_source, model_source
+from .sources import HEURISTIC, RowSampler, Source, heuristic_metadata, heuristic_source, model_source
 
 __all__ = [
     "HEURISTIC",
@@ -16,6 +16,7 @@ __all__ = [
     "Source",
     "Tally",
     "evaluate",
+    "heuristic_metadata",
     "heuristic_source",
     "model_source",
     "newcombe",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ class RowSampler(Protocol):
 
 
 def heuristic_source(hand: HandModel, prior: PosturePrior, most_draws: int = 1) -> Source:
-    """Give the paper's heuristic: postures of the prior, placed as they come and not screened.
+    """Give the paper's heuristic: postures of the prior, placed as they come and, unless asked for, not screened.
 
     Args:
         hand: the hand.
@@ -65,6 +65,11 @@ def heuristic_source(hand: HandModel, prior: PosturePrior, most_draws: int = 1) 
         return grasps
 
     return draw
+
+
+def heuristic_metadata(prior: PosturePrior, most_draws: int = 1) -> dict[str, Any]:
+    """Say for a record what `heuristic_source` draws from, and whether it screens."""
+    return {"prior": prior.fingerprint()} | ({"most_draws": most_draws} if most_draws > 1 else {})
 
 
 def model_source(sampler: RowSampler) -> Source:

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, unknown
+from ..errors import InputError, check_name
 
 Array = NDArray[np.float64]
 HeadKind = Literal["gaussian", "vmf", "vmf_mixture", "unit"]
@@ -45,8 +45,7 @@ class HeadSpec:
     """Factor on this block's loss."""
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(HeadKind):
-            raise unknown("head kind", self.kind, get_args(HeadKind))
+        check_name("head kind", self.kind, get_args(HeadKind))
         if self.dim < 1 or (self.is_rotation and self.dim != 4):
             raise InputError(f"a {self.kind} head has dim {'4' if self.is_rotation else '>= 1'}, got {self.dim}")
         if not 0.0 < self.weight < np.inf:

@@ -10,7 +10,7 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, unknown
+from ..errors import InputError, check_name
 from . import vmf
 from .fitted import Array, Array32, Fitted, Standardisation
 from .heads import HeadSpec, components, concentration, normalised
@@ -171,8 +171,7 @@ class NumpyDecoder:
         Raises:
             InputError: the shape of `c` does not fit, the temperature is negative or the mode unknown.
         """
-        if mode not in get_args(Mode):
-            raise unknown("sampling mode", mode, get_args(Mode))
+        check_name("sampling mode", mode, get_args(Mode))
         if not 0.0 <= temperature < np.inf:
             raise InputError(f"temperature must be finite and not negative, got {temperature}")
         c = np.asarray(c)

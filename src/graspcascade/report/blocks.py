@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 
-from ..errors import unknown
+from ..errors import check_name
 
 _BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 
@@ -26,8 +26,7 @@ def fill_blocks(text: str, makers: Mapping[str, Callable[[], str]]) -> str:
 
     def block(match: re.Match[str]) -> str:
         begin, name, _, end = match.groups()
-        if name not in makers:
-            raise unknown("generated block", name, makers)
+        check_name("generated block", name, makers)
         return f"{begin}\n{makers[name]()}\n\n{end}"
 
     return _BLOCK.sub(block, text)

@@ -43,7 +43,8 @@ def table_section(paper: PaperTable, runs: Mapping[str, Runs]) -> str:
         if row.model not in runs:
             rows.append([*about, NOT_RUN, *[MISSING] * 4])
             continue
-        total = runs[row.model].pooled.total
+        found = runs[row.model]
+        total = found.pooled.total
         full = None if row.model == FULL_MODEL else runs.get(FULL_MODEL)
         rows.append(
             [
@@ -51,7 +52,7 @@ def table_section(paper: PaperTable, runs: Mapping[str, Runs]) -> str:
                 rate(total.held_rate),
                 rate(total.faithful_rate),
                 str(total.n),
-                *((MISSING, MISSING) if full is None else _over(runs[row.model], full)),
+                *((MISSING, MISSING) if full is None else over(*(one.total for one in shared_runs(found, full)))),
             ]
         )
     return f"### Table {paper.number}: {paper.question}\n\n{table(header, rows, text_columns=3)}"
@@ -125,16 +126,10 @@ def _compare(ordering: Ordering, claim: float, runs: Mapping[str, Runs]) -> tupl
     if not {ordering.better, ordering.worse} <= runs.keys():
         return NOT_RUN, MISSING, MISSING, MISSING
     better, worse = runs[ordering.better], runs[ordering.worse]
-    one, other = shared_runs(better, worse)
+    one, other = (found.total for found in shared_runs(better, worse))
     margin = retraining_margin(better, worse, runs)
-    word = judge(one.total.held_over(other.total), claim, margin)
-    return word, *_over(better, worse), MISSING if margin is None else f"±{100 * margin:.1f}"
-
-
-def _over(better: Runs, worse: Runs) -> tuple[str, str]:
-    """Word the differences of two models over the training seeds that both have."""
-    one, other = shared_runs(better, worse)
-    return over(one.total, other.total)
+    word = judge(one.held_over(other), claim, margin)
+    return word, *over(one, other), MISSING if margin is None else f"±{100 * margin:.1f}"
 
 
 def judge(found: Difference, claim: float, margin: float | None = None) -> str:

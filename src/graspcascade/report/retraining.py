@@ -66,8 +66,7 @@ def _beside_model_and_seed(several: Sequence[Runs]) -> tuple[float, int]:
     found = [(number, seed, one.held.rate) for number, runs in enumerate(several) for seed, one in runs.by_seed.items()]
     if not found:
         return 0.0, 0
-    models, seeds, rates = zip(*found, strict=True)
-    parts = [np.equal.outer(column, sorted(set(column))) for column in (np.array(models), np.array(seeds))]
-    design = np.hstack(parts).astype(float)
-    solution, _, rank, _ = np.linalg.lstsq(design, np.array(rates), rcond=None)
-    return float(((np.array(rates) - design @ solution) ** 2).sum()), len(rates) - int(rank)
+    models, seeds, rates = map(np.array, zip(*found, strict=True))
+    design = np.hstack([np.equal.outer(column, np.unique(column)) for column in (models, seeds)]).astype(float)
+    solution, _, rank, _ = np.linalg.lstsq(design, rates, rcond=None)
+    return float(((rates - design @ solution) ** 2).sum()), len(rates) - int(rank)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, unknown
+from ..errors import InputError, check_name
 
 _ABOVE_ZERO = (
     "time_step_s",
@@ -146,6 +146,5 @@ def protocol(name: str) -> Protocol:
     Raises:
         InputError: the name is not one of `PROTOCOLS`.
     """
-    if name not in PROTOCOLS:
-        raise unknown("protocol", name, PROTOCOLS)
+    check_name("protocol", name, PROTOCOLS)
     return PROTOCOLS[name]

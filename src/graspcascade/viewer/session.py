@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..cascade import GraspSampler
-from ..errors import InputError, unknown
+from ..errors import InputError, check_name
 from ..formats import load_executable
 from ..grasps import Grasps
 from ..hands import HandModel
@@ -194,8 +194,7 @@ class Session:
         Raises:
             InputError: an unknown view, or the trial ended before the hand had closed.
         """
-        if view not in VIEWS:
-            raise unknown("view", view, VIEWS)
+        check_name("view", view, VIEWS)
         grasp = self.grasp
         posture, pose = (grasp.pregrasp if view == "pregrasp" else grasp.posture), grasp.X_hand_object
         if view == "settled":
