@@ -7,21 +7,25 @@ from pathlib import Path
 
 import numpy as np
 
-from graspcascade.formats.dexgraspbench import JOINTS, X_HAND_BASE
-from graspcascade.hands import shadow_hand
-from graspcascade.objects import CATALOGUE
-from graspcascade.taxonomy import grasp_type
+from graspcascade.core.objects import CATALOGUE
+from graspcascade.core.taxonomy import as_type
+from graspcascade.hands import load_hand
 
 OUT = Path(__file__).parent / "figures" / "frames.svg"
 WIDTH, HEIGHT, SCALE = 960, 820, 2350.0
 LEFT, TOP = 300, 745
 SHOWN_BELOW_M = 0.11
 """Where the forearm is drawn below the palm; the rest of its length is cut out."""
-POSTURE_RAD = (
-    *(0.03, 0.72, 0.62, 0.62, -0.03, 0.76, 0.70, 0.70, -0.03, 0.35, 0.30, 0.30),
-    *(0.01, -0.15, 0.25, 0.20, 0.20, 0.46, 0.92, 0.12, -0.05, 0.26),
-)
-"""A tripod grasp, in the order of `JOINTS`."""
+POSTURE_RAD = {
+    "FF": (0.03, 0.72, 0.62, 0.62),
+    "MF": (-0.03, 0.76, 0.70, 0.70),
+    "RF": (-0.03, 0.35, 0.30, 0.30),
+    "LF": (0.01, -0.15, 0.25, 0.20, 0.20),
+    "TH": (0.46, 0.92, 0.12, -0.05, 0.26),
+}
+"""A tripod grasp, the joints of each digit from the palm outwards: from the one of the highest number to 1."""
+BENCH_BASE_M = np.array([0.0, 0.0, -0.034])
+"""Where DexGraspBench has the hand's base, in the hand frame."""
 CHAINS = {
     "ff": ("knuckle", "proximal", "middle", "distal"),
     "mf": ("knuckle", "proximal", "middle", "distal"),
@@ -109,20 +113,19 @@ def label(point, at, title, *lines):
 
 
 def main():
-    hand, obj = shadow_hand(), CATALOGUE["box_medium"]
-    by_name = dict(zip(JOINTS, POSTURE_RAD, strict=True))
-    posture = np.array([[by_name[name] for name in hand.joint_names]])
+    hand, obj = load_hand("shadow"), CATALOGUE["box_medium"]
+    posture = np.array([[POSTURE_RAD[name[:2]][-int(name[3:])] for name in hand.joint_names]])
     frames = hand.frames(posture)
-    thumb, finger = (place[0] for place in hand.opposition(posture, grasp_type("tripod")))
+    thumb, finger = (place[0] for place in hand.opposition(posture, as_type("tripod")))
     along = (finger - thumb) / np.linalg.norm(finger - thumb)
     across = np.cross(along, [0.0, 0.0, 1.0])
     across /= np.linalg.norm(across)
     X_object = np.stack([along, across, np.cross(along, across)], axis=1)
     centre = (thumb + finger) / 2
 
-    forearm = -hand.X_forearm_hand.position_m
+    forearm = -hand.X_base_hand.position_m
     shown = np.array([forearm[0], forearm[1], -SHOWN_BELOW_M])
-    wrist = X_HAND_BASE.position_m
+    wrist = BENCH_BASE_M
     drawn = [limb([shown, wrist], 0.046, "#e3e6ea"), limb([wrist, (0, 0, 0.01)], 0.03, "#d3d7dc")]
     (cx, cy), _ = project((shown + 1.3 * wrist) / 2.3)
     zigzag = " ".join(f"L {cx + dx:.0f} {cy + dy:.0f}" for dx, dy in ((-24, 8), (-8, -8), (8, 8), (24, -8), (75, 0)))

@@ -1,4 +1,4 @@
-"""Shows the way from recorded hand postures, in a CSV file, to a posture prior and candidate grasps."""
+"""Shows the way from recorded hand postures, in a CSV file, to a posture prior and grasps tried in physics."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,12 +6,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from graspcascade.candidates import candidates
-from graspcascade.hands import shadow_hand
-from graspcascade.postures import PRIOR_TRAINING, SeedSpec, export_postures, fit_prior, import_postures, make_seeds
-from graspcascade.trials import run
+from graspcascade import Task, Tasks, load_hand, run_trials
+from graspcascade.proposals.heuristic import Heuristic
+from graspcascade.studies.learn import PRIOR_TRAINING, fit_prior
+from graspcascade.studies.postures import export_postures, import_postures
+from graspcascade.studies.seeds import SeedSpec, make_seeds
 
-hand = shadow_hand()
+hand = load_hand("shadow")
 with TemporaryDirectory() as folder:
     # A stand-in for your recordings: one row a posture, a grasp_type column and a column for each joint.
     recordings = Path(folder) / "recordings.csv"
@@ -19,11 +20,10 @@ with TemporaryDirectory() as folder:
     postures = import_postures(recordings, hand)
 print(f"{len(postures)} recorded postures, {postures.n_clipped} angles beyond the joint limits")
 
-# A minute's training would be 600 epochs; this shows the steps alone.
-prior = fit_prior(hand, postures, replace(PRIOR_TRAINING, epochs=60, batch_size=32))
+# The default training takes more steps; this shows the way alone.
+prior = fit_prior(hand, postures, replace(PRIOR_TRAINING, epochs=60, min_steps=0, batch_size=32))
 
-rng = np.random.default_rng(0)
-types = np.full(12, "tip_pinch")
-grasps = candidates(hand, prior.sample(types, rng), types, np.full(12, "box_small"), np.full(12, "x"), rng)
-outcomes = run(grasps)
-print(f"{len(grasps)} candidates from this prior: {outcomes.held.sum()} held under protocol paper")
+task = Task.of("tip_pinch", "box_small", "x", hand.reach_m)
+grasps = Heuristic(hand, prior).propose(Tasks.repeat(task, 12), np.random.default_rng(0))
+outcomes = run_trials(grasps)
+print(f"{len(grasps)} grasps from this prior: {outcomes.held.sum()} held under protocol paper")

@@ -1,25 +1,27 @@
 """Shows the whole chain in miniature: collect trials as a dataset, train a cascade on them, save it and sample."""
 
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from graspcascade import GraspSampler
-from graspcascade.cascade import CascadeTraining, factorization, fit_cascade
-from graspcascade.dataset import CollectionSpec, collect, load_dataset
-from graspcascade.hands import shadow_hand
+from graspcascade import GraspSampler, load_hand
+from graspcascade.core.protocols import Carry, Close, Protocol, Shake
 from graspcascade.nets import TrainingSpec
-from graspcascade.postures import PosturePrior
-from graspcascade.trials import PAPER
+from graspcascade.proposals.cascade.stages import factorization
+from graspcascade.proposals.heuristic import Heuristic
+from graspcascade.proposals.prior import PosturePrior
+from graspcascade.studies.collect import CollectionSpec, collect
+from graspcascade.studies.dataset import load_dataset
+from graspcascade.studies.learn import CascadeTraining, fit_cascade
 
-hand, prior = shadow_hand(), PosturePrior.pretrained()
+hand = load_hand("shadow")
+heuristic = Heuristic(hand, PosturePrior.pretrained())
 # In earnest: the paper protocol as it is, and 1200 trials for each of the 54 cells of object and type.
-short = replace(PAPER, name="short", shake_cycles=1, gravity_s=0.3)
+short = Protocol("short", (Close(), Shake(cycles=1), Carry(0.3)))
 few = CollectionSpec(trials_per_cell=8, round_per_cell=8)
 
 with TemporaryDirectory() as folder:
     data, model = Path(folder) / "data", Path(folder) / "model"
-    state = collect(hand, prior, few, data, protocol=short)
+    state = collect(heuristic, few, data, protocol=short)
     trials, held, faithful = state.trials.sum(), state.held.sum(), state.faithful.sum()
     print(f"{trials} trials under protocol {short.name}: {held} held, {faithful} type-faithful")
 

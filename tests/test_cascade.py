@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -14,26 +16,35 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from graspcascade.candidates import candidates, draw_sides, opposition_points
-from graspcascade.cascade import FACTORIZATIONS, GraspSampler, factorization
-from graspcascade.cascade.encoding import Request, condition, condition_matrix, encode_request, shared_quantities
-from graspcascade.cascade.fit import FittedCascade, fit_cascade
-from graspcascade.cascade.frames import fold_rotations, learning_frame
-from graspcascade.cascade.material import CascadeTraining, prepare, repeat_rare
-from graspcascade.cascade.sizes import SizeMode, SizeRule
-from graspcascade.cascade.stages import Frame
-from graspcascade.dataset import Dataset
-from graspcascade.errors import FileFormatError, InputError
-from graspcascade.grasps import Grasps
-from graspcascade.hands import hand_from_json, hand_to_json, shadow_hand
+from graspcascade.core.errors import FileFormatError, InputError
+from graspcascade.core.grasps import Grasps
+from graspcascade.core.objects import AXES, CATALOGUE, Cylinder, GraspObject, as_object
+from graspcascade.core.outcomes import Outcomes
+from graspcascade.core.poses import Pose, canonical_quat, quat_conjugate, quat_multiply, rotate, rotation_angle
+from graspcascade.core.protocols import PAPER
+from graspcascade.core.tasks import Task, Tasks, draw_tasks
+from graspcascade.core.taxonomy import GRASP_TYPES
+from graspcascade.engines import run_trials
+from graspcascade.hands import Hand, load_hand
 from graspcascade.nets import TrainingSpec, load_decoders, save_decoders
-from graspcascade.objects import AXES, CATALOGUE, grasp_object
-from graspcascade.poses import Pose, canonical_quat, quat_conjugate, quat_multiply, rotate, rotation_angle
-from graspcascade.postures import PosturePrior
-from graspcascade.taxonomy import GRASP_TYPES
-from graspcascade.trials import PAPER, Outcomes
+from graspcascade.proposals.cascade.encoding import (
+    Request,
+    condition,
+    condition_matrix,
+    encode_request,
+    fold_rotations,
+    learning_frame,
+    shared_quantities,
+)
+from graspcascade.proposals.cascade.sampler import GraspSampler
+from graspcascade.proposals.cascade.sizes import SizeMode, SizeRule
+from graspcascade.proposals.cascade.stages import FACTORIZATIONS, Frame, ObjectCode, factorization
+from graspcascade.proposals.heuristic import opposition_points, place
+from graspcascade.proposals.prior import PosturePrior
+from graspcascade.studies.dataset import Dataset
+from graspcascade.studies.learn import CascadeTraining, FittedCascade, fit_cascade, prepare, repeat_rare
 
-HAND = shadow_hand()
+HAND = load_hand("shadow")
 TINY = CascadeTraining(training=TrainingSpec(epochs=2, batch_size=64))
 BAD_ROWS = [
     (("tripodd", "box_small", "x"), "unknown grasp type 'tripodd'. Did you mean 'tripod'"),
@@ -43,12 +54,12 @@ BAD_ROWS = [
 ]
 
 
-def drawn_candidates(n: int, seed: int = 0) -> Grasps:
+def drawn_candidates(n: int, seed: int = 0, objects: Sequence[GraspObject] = tuple(CATALOGUE.values())) -> Grasps:
     rng = np.random.default_rng(seed)
-    types = rng.choice(list(GRASP_TYPES), n)
-    labels = rng.choice(list(CATALOGUE), n)
-    postures = PosturePrior.pretrained().sample(types, rng)
-    return candidates(HAND, postures, types, labels, draw_sides(labels, rng), rng)
+    kinds = list(GRASP_TYPES.values())
+    cells = [(objects[rng.integers(len(objects))], kinds[rng.integers(len(kinds))]) for _ in range(n)]
+    postures = PosturePrior.pretrained().sample([kind.name for _, kind in cells], rng)
+    return place(HAND, postures, draw_tasks(cells, 1, HAND.reach_m, rng), rng)
 
 
 def pretend_all_held(grasps: Grasps) -> Dataset:
@@ -139,7 +150,7 @@ def test_an_unknown_frame_names_the_nearest() -> None:
 
 
 def frame_of(grasps: Grasps, frame: Frame) -> Pose:
-    return learning_frame(*opposition_points(HAND, grasps.posture, grasps.grasp_type), frame)
+    return learning_frame(*opposition_points(HAND, grasps.posture, grasps.tasks), frame)
 
 
 def test_candidates_lie_at_the_origin_of_the_opposition_frame_with_their_side_along_x() -> None:
@@ -160,39 +171,43 @@ def test_the_learning_frame_can_be_undone() -> None:
         assert rotation_angle(back.quat_wxyz, grasps.X_hand_object.quat_wxyz).max() < 1e-7
 
 
+def folded_as(obj: GraspObject, axis: str, quat: np.ndarray, frame: Frame) -> np.ndarray:
+    return fold_rotations(quat, Tasks.repeat(Task.of("tripod", obj, axis), len(quat)), frame)
+
+
 def reference(axis: str, frame: Frame) -> np.ndarray:
-    """Give what rotations are folded towards: of a sphere, whose every rotation is a symmetry, all become that."""
-    return fold_rotations(np.array([[1.0, 0.0, 0.0, 0.0]]), np.array(["sphere_small"]), np.array([axis]), frame)[0]
+    """Find what rotations are folded towards: what a ball that is held by that axis is turned to, whatever it was."""
+    ball = Task(GRASP_TYPES["tripod"], as_object("sphere_small"), as_object("box_small").site(axis))
+    return fold_rotations(np.array([[1.0, 0.0, 0.0, 0.0]]), Tasks.of([ball]), frame)[0]
 
 
-def ways_of_folding(label: str, quat: np.ndarray, towards: np.ndarray) -> np.ndarray:
-    """Give the angles ``(n, k)`` to a rotation of the images nearest to it: of each half-turn, any spin left out."""
+def ways_of_folding(obj: GraspObject, quat: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """Compute the angles ``(n, k)`` to a rotation of the images nearest to it: of each half-turn, any spin left out."""
     rest = np.abs(quat_multiply(quat_conjugate(quat), towards))
-    if label.startswith("cylinder"):  # spin about z mixes w with z, and x with y
+    if isinstance(obj.shape, Cylinder):  # spin about z mixes w with z, and x with y
         rest = np.stack([np.hypot(rest[:, 0], rest[:, 3]), np.hypot(rest[:, 1], rest[:, 2])], axis=1)
     return 2 * np.arccos(np.minimum(rest, 1.0))
 
 
 @pytest.mark.parametrize("frame", ["opposition", "hand"])
-@given(st.integers(0, 2**32 - 1), st.sampled_from([label for label in CATALOGUE if not label.startswith("sphere")]))
-def test_images_of_a_grasp_fold_to_the_one_nearest_to_the_reference(frame: Frame, seed: int, label: str) -> None:
+@given(st.integers(0, 2**32 - 1), st.sampled_from([obj for obj in CATALOGUE.values() if obj.shape.kind != "sphere"]))
+def test_images_of_a_grasp_fold_to_the_one_nearest_to_the_reference(frame: Frame, seed: int, obj: GraspObject) -> None:
     rng = np.random.default_rng(seed)
-    obj = grasp_object(label)
-    axis = str(rng.choice(list(obj.graspable_sides_m)))
+    axis = str(rng.choice(list(obj.sites(HAND.reach_m))))
     towards = reference(axis, frame)
     quat = canonical_quat(rng.normal(size=(6, 4)))
-    ways = np.sort(ways_of_folding(label, quat, towards), axis=1)
+    ways = np.sort(ways_of_folding(obj, quat, towards), axis=1)
 
     def fold(images: np.ndarray) -> np.ndarray:
-        return fold_rotations(images, np.full(6, label), np.full(6, axis), frame)
+        return folded_as(obj, axis, images, frame)
 
     folded = fold(quat)
     away = rotation_angle(folded, towards)
     np.testing.assert_allclose(away, ways[:, 0], atol=1e-6)
-    assert (away <= (2 * np.pi / 3 if obj.shape == "box" else np.pi / 2) + 1e-6).all()
+    assert (away <= (2 * np.pi / 3 if obj.shape.kind == "box" else np.pi / 2) + 1e-6).all()
     clear = ways[:, 1] - ways[:, 0] > 1e-6  # a rotation midway between two images folds to either
     for _ in range(20):
-        image = canonical_quat(quat_multiply(quat, obj.random_symmetry(rng, 6)))
+        image = canonical_quat(quat_multiply(quat, obj.shape.random_symmetry(rng, 6)))
         assert (away <= rotation_angle(image, towards) + 1e-6).all()
         assert (rotation_angle(fold(image), folded)[clear] < 1e-6).all()
 
@@ -208,9 +223,9 @@ def test_folded_candidates_stay_within_a_quarter_turn_of_free_angle() -> None:
     grasps = drawn_candidates(300)
     frame = frame_of(grasps, "opposition")
     in_frame = frame.inverse() @ grasps.X_hand_object
-    folded = fold_rotations(in_frame.quat_wxyz, grasps.object_label, grasps.side_axis, "opposition")
+    folded = fold_rotations(in_frame.quat_wxyz, grasps.tasks, "opposition")
     for label in CATALOGUE:
-        rows = grasps.object_label == label
+        rows = grasps.object_name == label
         for axis in set(grasps.side_axis[rows]):
             some = rows & (grasps.side_axis == axis)
             away = rotation_angle(folded[some], reference(str(axis), "opposition"))
@@ -224,10 +239,7 @@ def test_folded_candidates_stay_within_a_quarter_turn_of_free_angle() -> None:
 
 def test_measured_offsets_give_back_the_median_size(dataset: Dataset) -> None:
     grasps = dataset.grasps
-    request = Request(
-        grasps.grasp_type, grasps.object_label, grasps.side_axis, grasps.side_m, grasps.grasp_size_m,
-        grasps.side_m + 0.012,
-    )  # fmt: skip
+    request = Request(grasps.tasks, grasps.grasp_size_m, grasps.side_m + 0.012)
     everything = np.ones(len(grasps), dtype=bool)
     rule = SizeRule.measure(request, everything, everything)
     grasp_size, object_size = rule.apply(request, "median", np.random.default_rng(0))
@@ -244,11 +256,7 @@ def test_the_best_offset_is_where_trials_succeed_most() -> None:
     n = 4000
     offset = rng.uniform(-0.03, 0.01, n)
     success = rng.uniform(size=n) < np.where(np.abs(offset + 0.012) < 0.004, 0.95, 0.3)
-    names = {"grasp_type": "tripod", "object_label": "box_small", "side_axis": "x"}
-    request = Request(
-        **{field: np.full(n, value) for field, value in names.items()},
-        side_m=np.full(n, 0.02), grasp_size_m=0.02 + offset, object_size_m=np.full(n, 0.03),
-    )  # fmt: skip
+    request = Request(Tasks.repeat(Task.of("tripod", "box_small", "x"), n), 0.02 + offset, np.full(n, 0.03))
     rule = SizeRule.measure(request, success, success)
     grasp_size, _ = rule.apply(request, "best", rng)
     assert abs(grasp_size[0] - (0.02 - 0.012)) < 0.0025
@@ -259,30 +267,30 @@ def test_a_type_with_few_successes_has_sizes_of_its_own(dataset: Dataset, n: int
     tip_pinches = dataset.grasps.grasp_type == "tip_pinch"
     verdict = np.where(tip_pinches & (tip_pinches.cumsum() > n), "dropped", "held")
     few = dataclasses.replace(dataset, outcomes=dataclasses.replace(dataset.outcomes, verdict=verdict))
-    material = prepare(HAND, few, FACTORIZATIONS["model3"], CascadeTraining())
+    data = prepare(HAND, few, FACTORIZATIONS["model3"], CascadeTraining())
     offsets = (dataset.grasps.grasp_size_m - dataset.grasps.side_m)[tip_pinches][:n]
-    assert "tip_pinch" in material.request.grasp_type
-    assert material.sizes.grasp_offsets_m["tip_pinch"][9] == pytest.approx(np.median(offsets), abs=1e-5)
+    assert "tip_pinch" in data.request.tasks.grasp_type
+    assert data.sizes.grasp_offsets_m["tip_pinch"][9] == pytest.approx(np.median(offsets), abs=1e-5)
     half_a_millimetre = 0.0005  # the step in which the best is looked for
-    best = material.sizes.best_offset_m["tip_pinch"]
+    best = data.sizes.best_offset_m["tip_pinch"]
     assert offsets.min() - half_a_millimetre <= best <= offsets.max() + half_a_millimetre
     # A narrower cell of few successes says little: the type speaks for it.
-    assert not [cell for cell in material.sizes.best_offset_m if cell.startswith("tip_pinch/")]
+    assert not [cell for cell in data.sizes.best_offset_m if cell.startswith("tip_pinch/")]
 
 
 def test_a_type_without_successes_is_one_that_was_never_seen(dataset: Dataset) -> None:
     verdict = np.where(dataset.grasps.grasp_type == "tip_pinch", "dropped", "held")
     none = dataclasses.replace(dataset, outcomes=dataclasses.replace(dataset.outcomes, verdict=verdict))
-    material = prepare(HAND, none, FACTORIZATIONS["model3"], CascadeTraining())
-    asked = Request(*(np.array([name]) for name in ("tip_pinch", "box_small", "x")), *np.full((3, 1), 0.02))
+    data = prepare(HAND, none, FACTORIZATIONS["model3"], CascadeTraining())
+    asked = Request(Tasks.of([Task.of("tip_pinch", "box_small", "x")]), *np.full((2, 1), 0.02))
     with pytest.raises(InputError, match="seen no grasps of type 'tip_pinch'"):
-        material.sizes.apply(asked, "best", np.random.default_rng(0))
+        data.sizes.apply(asked, "best", np.random.default_rng(0))
 
 
 def test_an_unknown_size_mode_names_the_nearest(fitted: FittedCascade) -> None:
     with pytest.raises(InputError, match=r"unknown size mode 'bset'. Did you mean 'best'"):
         dataclasses.replace(fitted.sampler, size_mode="bset")
-    asked = Request(*(np.array([name]) for name in ("tripod", "box_small", "x")), *np.full((3, 1), 0.02))
+    asked = Request(Tasks.of([Task.of("tripod", "box_small", "x")]), *np.full((2, 1), 0.02))
     with pytest.raises(InputError, match="Did you mean 'median'"):
         fitted.sampler.sizes.apply(asked, "mediann", np.random.default_rng(0))  # type: ignore[arg-type]
 
@@ -297,9 +305,10 @@ def test_learning_from_faithful_grasps_leaves_the_others_out(dataset: Dataset) -
     faithful = prepare(HAND, half, FACTORIZATIONS["model3"], CascadeTraining(learn_from="faithful"))
     held = prepare(HAND, half, FACTORIZATIONS["model3"], CascadeTraining(learn_from="held"))
     assert (held.n_grasps, faithful.n_grasps) == (600, 300)
-    assert len(held.request.side_m) > len(faithful.request.side_m) >= 300
+    assert len(held.request.tasks) > len(faithful.request.tasks) >= 300
 
 
+ONE = drawn_candidates(1)
 CELLS_OF_FOUR = st.tuples(st.sampled_from(["tripod", "tip_pinch"]), st.sampled_from(["box_small", "sphere_large"]))
 
 
@@ -307,13 +316,12 @@ CELLS_OF_FOUR = st.tuples(st.sampled_from(["tripod", "tip_pinch"]), st.sampled_f
 def test_rare_cells_are_repeated_until_they_have_as_many_as_the_median(
     cells: list[tuple[str, str]], most: int, seed: int
 ) -> None:
-    types, labels = (np.array(column) for column in zip(*cells, strict=True))
-    one = drawn_candidates(1)
-    grasps = dataclasses.replace(one[np.zeros(len(cells), dtype=int)], grasp_type=types, object_label=labels)
+    tasks = Tasks.of(Task.of(*cell, "x") for cell in cells)
+    grasps = dataclasses.replace(ONE[np.zeros(len(cells), dtype=int)], tasks=tasks)
     places = np.flatnonzero(np.arange(len(cells)) % 5 != 4)
-    found = repeat_rare(grasps, places, most, seed)
-    times = np.bincount(found, minlength=len(cells))
-    assert set(found) == set(places)
+    repeated = repeat_rare(grasps, places, most, seed)
+    times = np.bincount(repeated, minlength=len(cells))
+    assert set(repeated) == set(places)
     counts = {cell: sum(cells[place] == cell for place in places) for cell in {cells[place] for place in places}}
     for cell, count in counts.items():
         of_cell = np.array([times[place] for place in places if cells[place] == cell])
@@ -349,7 +357,7 @@ def test_samples_are_valid_grasps(fitted: FittedCascade) -> None:
     assert (grasps.posture >= HAND.lower_rad - 1e-12).all()
     assert (grasps.posture <= HAND.upper_rad + 1e-12).all()
     np.testing.assert_allclose(np.linalg.norm(grasps.X_hand_object.quat_wxyz, axis=1), 1.0)
-    assert set(grasps.side_axis) <= set(CATALOGUE["cylinder_small"].graspable_sides_m)
+    assert set(grasps.side_axis) <= set(CATALOGUE["cylinder_small"].sites(HAND.reach_m))
     np.testing.assert_allclose(grasps.grasp_size_m, HAND.grasp_size(grasps.posture))
 
 
@@ -361,7 +369,7 @@ def test_rows_asked_together_are_sampled_as_rows_asked_alone(fitted: FittedCasca
     def drawn(types: list[str], labels: list[str], axes: list[str]) -> Grasps:
         rng = np.random.default_rng()
         rng.bit_generator.state = draws
-        return sampler.sample_rows(types, labels, axes, rng)
+        return sampler.propose(Tasks.from_names(types, labels, axes), rng)
 
     alike = drawn(["tripod"] * 8, ["box_small"] * 8, ["x"] * 8)
     mixed = drawn(["tripod"] * 7 + ["tip_pinch"], ["box_small"] * 7 + ["cylinder_small"], ["x"] * 7 + ["z"])
@@ -377,44 +385,31 @@ def test_one_bad_row_among_many_is_refused_as_if_it_were_alone(
     fitted: FittedCascade, row: tuple[str, str, str], message: str, mode: SizeMode
 ) -> None:
     sampler = dataclasses.replace(fitted.sampler, size_mode=mode)
-    rows = np.array([("tip_pinch", "box_large", "y")] * 5 + [row])
+    names = np.array([("tip_pinch", "box_large", "y")] * 5 + [row]).T
     with pytest.raises(InputError, match=message):
-        sampler.sample_rows(*rows.T, np.random.default_rng(0))
+        sampler.propose(Tasks.from_names(*names), np.random.default_rng(0))
 
 
 def test_rows_may_be_spelled_as_a_single_request_may(fitted: FittedCascade) -> None:
     spelled = [("Tip pinch", "box-small", "z"), ("tripod", "Sphere_Small", "y"), ("tripod", "cylinder_small", "y")]
     plain = [("tip_pinch", "box_small", "z"), ("tripod", "sphere_small", "x"), ("tripod", "cylinder_small", "x")]
     one, two = (
-        fitted.sampler.sample_rows(*np.array(rows).T, np.random.default_rng(1)).columns() for rows in (spelled, plain)
+        fitted.sampler.propose(Tasks.from_names(*np.array(rows).T), np.random.default_rng(1)).columns()
+        for rows in (spelled, plain)
     )
     for name, column in two.items():
         np.testing.assert_array_equal(one[name], column)
 
 
-@pytest.mark.parametrize(
-    ("types", "labels", "axes"),
-    [
-        (["tripod"] * 3, ["box_small"] * 2, ["x"] * 3),
-        (["tripod"], ["box_small"] * 2, ["x"] * 2),
-        (["tripod"] * 2, ["box_small"] * 2, ["x"]),
-        ("tripod", "box_small", "x"),
-    ],
-)
-def test_rows_of_unequal_lengths_are_refused(fitted: FittedCascade, types, labels, axes) -> None:
-    with pytest.raises(InputError, match="as many names each"):
-        fitted.sampler.sample_rows(types, labels, axes, np.random.default_rng(0))
-
-
 def test_quantities_are_shared_when_their_columns_are() -> None:
     rng = np.random.default_rng(0)
-    for types, labels, axes in (("ab", "a", "xz"), ("a", "a", "x"), ("a", "ab", "x"), ("a", "a", "xz")):
+    code: ObjectCode
+    for types, labels, axes, code in itertools.product(("a", "ab"), ("a", "ab"), ("x", "xz"), get_args(ObjectCode)):
         n = 12
         names = [rng.choice(list(GRASP_TYPES)[: len(types)], n), rng.choice(list(CATALOGUE)[: len(labels)], n)]
-        chosen = rng.choice(list(axes), n)
-        sides = np.array([grasp_object(str(o)).sides_m[str(a)] for o, a in zip(names[1], chosen, strict=True)])
-        request = Request(names[0], names[1], chosen, sides, sides - 0.005, sides + 0.01)
-        columns = encode_request(request)
+        tasks = Tasks.from_names(*names, rng.choice(list(axes), n))
+        request = Request(tasks, tasks.side_m - 0.005, tasks.side_m + 0.01)
+        columns = encode_request(request, code)
         assert shared_quantities(request) == {name for name, value in columns.items() if (value == value[0]).all()}
         stage = FACTORIZATIONS["model3"].stages[0]
         given_here = condition(stage, columns, shared_quantities(request))
@@ -446,8 +441,8 @@ def test_an_evaluation_beside_the_weights_comes_along(fitted: FittedCascade, tmp
     cell = {"grasp_type": "tripod", "object": "box_small", "n": 10, "held": 7}
     (tmp_path / "evaluation.json").write_text(json.dumps({"protocol": "paper", "cells": [cell]}))
     measured = {"tripod/box_small": {"held": 7, "n": 10, "protocol": "paper"}}
-    assert GraspSampler.load(tmp_path).origin("tripod", "box_small")["measured"] == measured
-    assert GraspSampler.load(tmp_path).origin("tripod", "box_large")["measured"] == {}
+    assert GraspSampler.load(tmp_path).origin(GRASP_TYPES["tripod"], as_object("box_small"))["measured"] == measured
+    assert GraspSampler.load(tmp_path).origin(GRASP_TYPES["tripod"], as_object("box_large"))["measured"] == {}
     (tmp_path / "evaluation.json").write_text("[1, 2]")
     with pytest.raises(FileFormatError, match="evaluation"):
         GraspSampler.load(tmp_path)
@@ -475,10 +470,7 @@ def test_the_best_offset_ignores_lucky_windows_and_stands_in_the_middle() -> Non
     success = np.abs(offset + 0.01) < 0.008
     success[-20:] = True  # a few successes at the edge, where hardly anything was tried
     offset[-20:] = 0.05
-    request = Request(
-        *(np.full(n, name) for name in ("tripod", "box_small", "x")),
-        side_m=np.full(n, 0.02), grasp_size_m=0.02 + offset, object_size_m=np.full(n, 0.03),
-    )  # fmt: skip
+    request = Request(Tasks.repeat(Task.of("tripod", "box_small", "x"), n), 0.02 + offset, np.full(n, 0.03))
     rule = SizeRule.measure(request, success, success)
     assert rule.best_offset_m["tripod/box_small/x"] == pytest.approx(-0.01, abs=0.0006)
 
@@ -487,8 +479,8 @@ def test_the_shipped_cascade_carries_its_published_evaluation() -> None:
     shipped = GraspSampler.pretrained("paper")
     assert shipped.fingerprint() == GraspSampler.pretrained().fingerprint()
     folder = Path(__file__).parents[1] / "docs/results/paper"
-    found = [json.loads(path.read_text()) for path in folder.glob("*.json")]
-    (published,) = [one for one in found if one["model_metadata"].get("weights") == shipped.fingerprint()]
+    records = [json.loads(path.read_text()) for path in folder.glob("*.json")]
+    (published,) = [one for one in records if one["model_metadata"].get("weights") == shipped.fingerprint()]
     assert len(shipped.measured) == len(published["cells"]) == 54
     for cell in published["cells"]:
         measured = shipped.measured[f"{cell['grasp_type']}/{cell['object']}"]
@@ -496,7 +488,7 @@ def test_the_shipped_cascade_carries_its_published_evaluation() -> None:
 
 
 def test_a_stored_hand_has_the_same_geometry() -> None:
-    stored = hand_from_json(hand_to_json(HAND))
+    stored = Hand.from_json(HAND.to_json())
     postures = drawn_candidates(5).posture
     np.testing.assert_array_equal(stored.grasp_size(postures), HAND.grasp_size(postures))
     assert stored.joint_names == HAND.joint_names
@@ -507,7 +499,7 @@ def test_weights_of_a_frame_that_is_not_known_are_refused_by_their_name(fitted: 
     stored = load_decoders(tmp_path / "cascade.safetensors")
     other = dict(stored.metadata["factorization"]) | {"frame": "wrist"}
     save_decoders(tmp_path / "cascade.safetensors", stored.decoders, dict(stored.metadata) | {"factorization": other})
-    with pytest.raises(FileFormatError, match=r"cascade\.safetensors cannot be read: unknown frame 'wrist'"):
+    with pytest.raises(FileFormatError, match=r"cascade\.safetensors cannot be read: .*'wrist'"):
         GraspSampler.load(tmp_path)
 
 
@@ -549,21 +541,82 @@ def test_an_unknown_shipped_model_names_the_shipped_ones() -> None:
 
 
 def test_the_shipped_cascade_holds_most_of_its_grasps_in_physics() -> None:
-    from graspcascade.trials import run
-
-    types = np.repeat(list(GRASP_TYPES), len(CATALOGUE))
-    labels = np.tile(list(CATALOGUE), len(GRASP_TYPES))
+    cells = [(obj, kind) for kind in GRASP_TYPES.values() for obj in CATALOGUE.values()]
     rng = np.random.default_rng(0)
-    grasps = GraspSampler.pretrained().sample_rows(types, labels, draw_sides(labels, rng), rng)
+    grasps = GraspSampler.pretrained().propose(draw_tasks(cells, 1, HAND.reach_m, rng), rng)
     # Far under the published rate, so that this is about the chain being whole and not about luck with 54 draws.
-    assert run(grasps).held.mean() > 0.6
+    assert run_trials(grasps, hand=HAND).held.mean() > 0.6
 
 
 def test_sampling_imports_neither_torch_nor_pyarrow_nor_a_physics_engine() -> None:
     code = (
-        "import sys; from graspcascade.cascade import GraspSampler; "
+        "import sys; from graspcascade import GraspSampler; "
         "GraspSampler.pretrained().sample('tripod', 'box_medium', 'x', 2); "
         "print([m for m in ('torch', 'pyarrow', 'mujoco') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+# -- objects that a model knows, and sizes
+
+
+def test_an_object_of_a_known_shape_may_have_another_name() -> None:
+    sampler = GraspSampler.pretrained()
+    mug = GraspObject("mug", CATALOGUE["cylinder_medium"].shape, density_kg_m3=900.0)
+    one, two = (sampler.sample("tripod", obj, "x", n=4) for obj in (mug, "cylinder_medium"))
+    assert one.tasks.objects == {"mug": mug}
+    for name, column in two.columns().items():
+        np.testing.assert_array_equal(one.columns()[name], column)
+    assert sampler.origin(GRASP_TYPES["tripod"], mug)["measured"].keys() == {"tripod/cylinder_medium"}
+
+
+@pytest.mark.parametrize(
+    ("size", "nearest"),
+    [("box:32x41x60mm", "box_medium"), ("cylinder:18x60mm", "cylinder_small"), ("sphere:55mm", "sphere_large")],
+)
+def test_another_size_is_refused_with_the_nearest_of_the_nine(size: str, nearest: str) -> None:
+    with pytest.raises(InputError) as caught:
+        GraspSampler.pretrained().sample("tripod", size)
+    said = str(caught.value)
+    assert f"knows nine objects by name and not {size}; the nearest of these is {nearest}" in said
+    assert "screened" in said
+    assert len(said.splitlines()) == 1
+
+
+def test_a_side_beyond_reach_is_refused_in_one_line(fitted: FittedCascade) -> None:
+    tasks = Tasks.of([Task.of("tripod", "box_large", "z")])
+    with pytest.raises(InputError, match=r"side z of box_large is 7 cm, beyond .* x = 4 cm, y = 5\.5 cm\.$"):
+        fitted.sampler.propose(tasks, np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def any_size() -> FittedCascade:
+    """Train on objects of sizes that the catalogue lacks."""
+    objects = [as_object(name) for name in ("box:18x27x44mm", "box:40x60x20mm", "cylinder:24x70mm", "sphere:33mm")]
+    dataset = pretend_all_held(drawn_candidates(300, objects=objects))
+    return fit_cascade(HAND, dataset, FACTORIZATIONS["model3_any_size"], TINY, workers=1)
+
+
+@pytest.mark.parametrize("obj", ["box:32x41x60mm", "cylinder:15x90mm", "sphere:61mm", "box_medium"])
+def test_a_cascade_that_tells_objects_by_shape_samples_any_size(any_size: FittedCascade, obj: str) -> None:
+    grasps = any_size.sampler.sample("tripod", obj, n=6)
+    assert set(grasps.object_name) == {obj}
+    assert np.isfinite(grasps.posture).all()
+    assert set(grasps.side_m) <= {site.width_m for site in as_object(obj).sites(HAND.reach_m).values()}
+
+
+def test_a_cascade_that_tells_objects_by_shape_survives_its_file(any_size: FittedCascade, tmp_path: Path) -> None:
+    any_size.save(tmp_path)
+    loaded = GraspSampler.load(tmp_path)
+    assert loaded.factorization == any_size.sampler.factorization
+    assert loaded.factorization.object_code == "shape"
+    one, two = (sampler.sample("tip_pinch", "sphere:25mm", n=5) for sampler in (any_size.sampler, loaded))
+    for name, column in one.columns().items():
+        np.testing.assert_array_equal(column, two.columns()[name])
+
+
+def test_size_is_what_a_cascade_by_shape_goes_by(any_size: FittedCascade) -> None:
+    sampler = dataclasses.replace(any_size.sampler, size_mode="paper")
+    small, large = (sampler.sample("tripod", size, "x", n=3) for size in ("box:20x20x20mm", "box:20x60x60mm"))
+    assert not np.array_equal(small.posture, large.posture)

@@ -9,22 +9,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspcascade import workers
-from graspcascade.candidates import candidates, draw_sides
-from graspcascade.cascade import FACTORIZATIONS, fit
-from graspcascade.cascade.fit import FittedCascade, StageJob, fit_cascade
-from graspcascade.cascade.material import CascadeTraining
 from graspcascade.cli.console import Bar
-from graspcascade.cli.train import Epochs, Train
-from graspcascade.dataset import Dataset
-from graspcascade.errors import InputError
-from graspcascade.grasps import Grasps
-from graspcascade.hands import HandModel
+from graspcascade.cli.learning import Train, shows_epochs
+from graspcascade.core.errors import InputError
+from graspcascade.core.grasps import Grasps
+from graspcascade.core.objects import CATALOGUE
+from graspcascade.core.outcomes import Outcomes
+from graspcascade.core.protocols import PAPER
+from graspcascade.core.tasks import draw_tasks
+from graspcascade.core.taxonomy import GRASP_TYPES
+from graspcascade.hands import Hand
 from graspcascade.nets import EpochRecord, TrainingSpec
-from graspcascade.objects import CATALOGUE
-from graspcascade.postures import PosturePrior
-from graspcascade.taxonomy import GRASP_TYPES
-from graspcascade.trials import PAPER, Outcomes
+from graspcascade.proposals.cascade.stages import FACTORIZATIONS
+from graspcascade.proposals.heuristic import place
+from graspcascade.proposals.prior import PosturePrior
+from graspcascade.studies import executor, learn
+from graspcascade.studies.dataset import Dataset
+from graspcascade.studies.learn import CascadeTraining, FittedCascade, StageJob, fit_cascade
 
 MODEL3 = FACTORIZATIONS["model3"]
 TINY = CascadeTraining(training=TrainingSpec(epochs=2, batch_size=64, seed=5))
@@ -42,11 +43,12 @@ def all_held(grasps: Grasps) -> Outcomes:
 
 
 @pytest.fixture(scope="module")
-def dataset(hand: HandModel, prior: PosturePrior) -> Dataset:
+def dataset(hand: Hand, prior: PosturePrior) -> Dataset:
     """Make a dataset of candidates that are said to have held."""
     rng = np.random.default_rng(0)
-    types, labels = rng.choice(list(GRASP_TYPES), 200), rng.choice(list(CATALOGUE), 200)
-    grasps = candidates(hand, prior.sample(types, rng), types, labels, draw_sides(labels, rng), rng)
+    kinds, objects = rng.choice(list(GRASP_TYPES), 200), rng.choice(list(CATALOGUE), 200)
+    cells = [(CATALOGUE[name], GRASP_TYPES[kind]) for name, kind in zip(objects, kinds, strict=True)]
+    grasps = place(hand, prior.sample(kinds, rng), draw_tasks(cells, 1, hand.reach_m, rng), rng)
     return Dataset(grasps, all_held(grasps), {"protocol": PAPER.to_json(), "seed": 0})
 
 
@@ -54,7 +56,7 @@ Told = list[tuple[str, EpochRecord]]
 
 
 @pytest.fixture(scope="module")
-def alone(hand: HandModel, dataset: Dataset) -> tuple[FittedCascade, Told]:
+def alone(hand: Hand, dataset: Dataset) -> tuple[FittedCascade, Told]:
     """Fit in this process and keep what is reported."""
     told: Told = []
     return fit_cascade(hand, dataset, MODEL3, TINY, lambda *report: told.append(report), workers=1), told
@@ -68,7 +70,7 @@ def timeless(records: tuple[EpochRecord, ...]) -> list[EpochRecord]:
 
 
 def test_the_number_of_workers_changes_no_bit_of_a_cascade(
-    hand: HandModel, dataset: Dataset, alone: tuple[FittedCascade, Told], tmp_path: Path
+    hand: Hand, dataset: Dataset, alone: tuple[FittedCascade, Told], tmp_path: Path
 ) -> None:
     told: Told = []
     fitted = fit_cascade(hand, dataset, MODEL3, TINY, lambda *report: told.append(report), workers=2)
@@ -86,23 +88,23 @@ def test_the_number_of_workers_changes_no_bit_of_a_cascade(
     ("name", "order"), [("model3", ["posture", "rotation", "position"]), ("model2", ["posture", "pose"])]
 )
 def test_the_longest_stage_is_begun_first(
-    hand: HandModel, dataset: Dataset, monkeypatch: pytest.MonkeyPatch, name: str, order: list[str]
+    hand: Hand, dataset: Dataset, monkeypatch: pytest.MonkeyPatch, name: str, order: list[str]
 ) -> None:
     begun: list[str] = []
 
     def run_jobs(jobs: list[StageJob], workers: int, report: Callable[[int, EpochRecord], None]) -> Any:
         begun.extend(job.name for job in jobs)
-        return workers_run(jobs, 1, report)
+        return run_in_processes(jobs, 1, report)
 
-    workers_run = workers.run_jobs
-    monkeypatch.setattr(fit, "run_jobs", run_jobs)
+    run_in_processes = executor.run_jobs
+    monkeypatch.setattr(learn, "run_jobs", run_jobs)
     fitted = fit_cascade(hand, dataset, FACTORIZATIONS[name], TINY)
     assert begun == order
     assert list(fitted.history) == [stage.name for stage in FACTORIZATIONS[name].stages]
 
 
 def test_a_positions_weight_is_that_of_its_head_and_of_no_other(
-    hand: HandModel, dataset: Dataset, alone: tuple[FittedCascade, Told]
+    hand: Hand, dataset: Dataset, alone: tuple[FittedCascade, Told]
 ) -> None:
     light = dataclasses.replace(TINY, position_weight=0.5)
     fitted = fit_cascade(hand, dataset, MODEL3, light, workers=1).sampler
@@ -114,18 +116,18 @@ def test_a_positions_weight_is_that_of_its_head_and_of_no_other(
         assert all(same) == (name != "position")
 
 
-def test_a_negative_number_of_workers_is_refused(hand: HandModel, dataset: Dataset) -> None:
+def test_a_negative_number_of_workers_is_refused(hand: Hand, dataset: Dataset) -> None:
     with pytest.raises(InputError, match="workers"):
         fit_cascade(hand, dataset, MODEL3, TINY, workers=-1)
 
 
-def test_a_dataset_of_another_model_of_the_hand_is_refused(hand: HandModel, dataset: Dataset) -> None:
+def test_a_dataset_of_another_model_of_the_hand_is_refused(hand: Hand, dataset: Dataset) -> None:
     other = Dataset(dataset.grasps, dataset.outcomes, dataset.metadata | {"hand_fingerprint": "0123"})
     with pytest.raises(InputError, match="another model of the hand"):
         fit_cascade(hand, other, MODEL3, TINY)
 
 
-def test_errors_of_a_stage_arrive_as_they_are(hand: HandModel, dataset: Dataset) -> None:
+def test_errors_of_a_stage_arrive_as_they_are(hand: Hand, dataset: Dataset) -> None:
     wild = dataclasses.replace(TINY.training, learning_rate=1e30)
     with pytest.raises(FloatingPointError, match="lower the learning rate"):
         fit_cascade(hand, dataset, MODEL3, dataclasses.replace(TINY, training=wild), workers=1)
@@ -173,9 +175,9 @@ def test_the_training_curves_lie_beside_the_weights(alone: tuple[FittedCascade, 
 @pytest.fixture
 def train(dataset: Dataset, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
     """Run the command on the dataset."""
-    monkeypatch.setattr("graspcascade.cli.train.load_dataset", lambda _: dataset)
+    monkeypatch.setattr("graspcascade.cli.learning.load_dataset", lambda _: dataset)
     one_epoch = dataclasses.replace(TINY, training=dataclasses.replace(TINY.training, epochs=1))
-    return lambda out: Train(Path(), out, "model1", one_epoch, workers=1).run()
+    return lambda out: Train(Path(), out, "model1", training=one_epoch, workers=1).run()
 
 
 @pytest.mark.parametrize("there", [False, True])
@@ -189,7 +191,7 @@ def test_a_command_interrupted_while_it_writes_leaves_nothing_and_can_be_given_a
     if there:
         out.mkdir(parents=True)
     with monkeypatch.context() as patch:
-        patch.setattr(fit, "write_json", interrupted)  # the weights come first
+        patch.setattr(learn, "write_json", interrupted)  # the weights come first
         with pytest.raises(KeyboardInterrupt):
             train(out)
     assert list(out.parent.iterdir()) == [out] * there
@@ -211,7 +213,7 @@ def test_a_folder_that_cannot_be_replaced_is_refused_before_the_training(
     train: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("graspcascade.cli.train.fit_cascade", None)
+    monkeypatch.setattr("graspcascade.cli.learning.fit_cascade", None)
     with pytest.raises(InputError, match="cannot be put in place"):
         train(Path())
     monkeypatch.setattr(Path, "is_mount", lambda path: path.name == "volume")
@@ -239,11 +241,11 @@ def test_one_bar_counts_the_epochs_of_all_stages_and_names_those_under_way() -> 
         return EpochRecord(epoch, 2, 1e-3, loss, 0.0, 0.0, validation, 0.0)
 
     shown = Shown()
-    epochs = Epochs(shown, 3)
-    epochs.show("posture", record(1, 9.0, 8.5))
-    epochs.show("rotation", record(1, -1.0, None))
-    epochs.show("posture", record(2, 7.0, 6.5))
-    epochs.show("position", record(1, 2.0, 2.25))
+    show = shows_epochs(shown, 3)
+    show("posture", record(1, 9.0, 8.5))
+    show("rotation", record(1, -1.0, None))
+    show("posture", record(2, 7.0, 6.5))
+    show("position", record(1, 2.0, 2.25))
     assert shown.states == [
         (1, 6, "loss: posture 8.500"),
         (2, 6, "loss: posture 8.500, rotation -1.000"),

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from graspcascade.columns import gather, gather_pose, spread, spread_pose
-from graspcascade.dataset.schema import to_columns
+from graspcascade.core.grasps import Grasps
+from graspcascade.core.outcomes import Outcomes
+from graspcascade.core.poses import Pose, canonical_quat
+from graspcascade.core.records import gather, gather_pose, spread, spread_pose
 from graspcascade.formats import save_grasps
-from graspcascade.grasps import Grasps
-from graspcascade.poses import Pose, canonical_quat
-from graspcascade.trials import Outcomes
+from graspcascade.studies.dataset import to_columns
 
 
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(0, 5))
@@ -24,9 +24,9 @@ def test_spread_columns_gather_again_to_the_last_bit(seed: int, n: int) -> None:
     assert all(column.shape == (n,) for column in columns.values())
     np.testing.assert_array_equal(gather(columns, "posture", names), values)
     np.testing.assert_array_equal(gather(columns, "posture", names[::-1]), values[:, ::-1])
-    found = gather_pose(columns, "object")
-    np.testing.assert_array_equal(found.position_m, pose.position_m)
-    np.testing.assert_array_equal(found.quat_wxyz, pose.quat_wxyz)
+    gathered = gather_pose(columns, "object")
+    np.testing.assert_array_equal(gathered.position_m, pose.position_m)
+    np.testing.assert_array_equal(gathered.quat_wxyz, pose.quat_wxyz)
 
 
 def test_columns_are_named_by_what_they_hold() -> None:

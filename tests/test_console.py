@@ -20,8 +20,8 @@ def test_without_a_terminal_progress_is_a_line_a_minute(capsys: pytest.CaptureFi
     bar.advance(1)
     assert said() == ""
     now[0] = 122.0
-    bar.show(50, 200, "half held", "rows")
-    assert said() == "rows: 50 of 200, half held\n"
+    bar.show(50, 200, "half held")
+    assert said() == "trials: 50 of 200, half held\n"
 
 
 def test_a_total_that_is_not_known_is_not_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,6 @@ import hashlib
 import json
 import shutil
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,26 +14,30 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-import graspcascade.dataset.collect  # noqa: F401  the module, which the package hides behind the function
-from graspcascade.candidates import cannot_touch
-from graspcascade.dataset import SCHEMA_VERSION, CollectionSpec, collect, load_dataset
-from graspcascade.dataset.collect import CollectionState
-from graspcascade.errors import FileFormatError, InputError
-from graspcascade.files import LOCK_FILE, sole_writer
-from graspcascade.grasps import Grasps
-from graspcascade.hands import HandModel
-from graspcascade.objects import CATALOGUE
-from graspcascade.postures import PosturePrior
-from graspcascade.trials import TOUCH_COLUMNS, VERDICTS, Outcomes, Protocol
+import graspcascade.studies.collect  # noqa: F401  the module, which the package hides behind the function
+from graspcascade.core.errors import FileFormatError, InputError
+from graspcascade.core.files import LOCK_FILE, sole_writer
+from graspcascade.core.grasps import Grasps
+from graspcascade.core.objects import CATALOGUE, Box, GraspObject, as_object
+from graspcascade.core.outcomes import VERDICTS, Outcomes
+from graspcascade.core.protocols import Protocol
+from graspcascade.core.taxonomy import GRASP_TYPES
+from graspcascade.engines.mujoco.creep import FAST_FORWARD
+from graspcascade.engines.mujoco.runner import MujocoEngine
+from graspcascade.hands import Hand
+from graspcascade.proposals.heuristic import Heuristic, cannot_touch
+from graspcascade.proposals.prior import PosturePrior
+from graspcascade.studies.collect import CollectionSpec, CollectionState
+from graspcascade.studies.dataset import SCHEMA_VERSION, load_dataset
 
-module = sys.modules["graspcascade.dataset.collect"]
-EVERY_CELL = module.CELLS
-FEW_CELLS = (
+module = sys.modules["graspcascade.studies.collect"]
+FEW_NAMES = (
     ("box_small", "tripod"),
     ("cylinder_medium", "parallel_extension"),
     ("sphere_small", "tip_pinch"),
     ("sphere_large", "palmar_pinch"),
 )
+FEW_CELLS = tuple((as_object(obj), GRASP_TYPES[kind]) for obj, kind in FEW_NAMES)
 SPEC = CollectionSpec(trials_per_cell=6, round_per_cell=3, seed=11)
 SHARDS = ("part-00000.parquet", "part-00001.parquet")
 
@@ -43,18 +46,20 @@ class CutOffError(Exception):
     """Stand for whatever cuts a collection off."""
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_cells() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "CELLS", FEW_CELLS)
-        yield
+def collect(*args: Any, **options: Any) -> CollectionState:
+    return module.collect(*args, **{"cells": FEW_CELLS, **options})
 
 
 @pytest.fixture(scope="module")
-def collection(hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def heuristic(hand: Hand, prior: PosturePrior) -> Heuristic:
+    return Heuristic(hand, prior)
+
+
+@pytest.fixture(scope="module")
+def collection(heuristic: Heuristic, short: Protocol, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Collect two rounds without interruption."""
     folder = tmp_path_factory.mktemp("collection") / "data"
-    collect(hand, prior, SPEC, folder, protocol=short)
+    collect(heuristic, SPEC, folder, protocol=short)
     return folder
 
 
@@ -72,13 +77,13 @@ def write_metadata(folder: Path, metadata: dict[str, Any]) -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Give every file, the metadata without what it took to collect, which no two collections share."""
-    found = {path.name: path.read_bytes() for path in folder.iterdir()}
-    if b'"effort"' in found.get("metadata.json", b""):
+    """Read every file, the metadata without what it took to collect, which no two collections share."""
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    if b'"effort"' in files.get("metadata.json", b""):
         metadata = metadata_of(folder)
         del metadata["effort"]
-        found["metadata.json"] = json.dumps(metadata).encode()
-    return found
+        files["metadata.json"] = json.dumps(metadata).encode()
+    return files
 
 
 # What is written
@@ -96,13 +101,13 @@ def test_a_collection_is_shards_and_a_metadata_file_and_nothing_else(collection:
     assert {path.name for path in collection.iterdir()} == {*SHARDS, "metadata.json"}
 
 
-def test_shards_are_plain_tables_with_joints_by_name(collection: Path, hand: HandModel) -> None:
+def test_shards_are_plain_tables_with_joints_by_name(collection: Path, hand: Hand) -> None:
     for name in SHARDS:
         table = pq.read_table(collection / name)
         assert table.num_rows == 12
         for prefix in ("posture", "settled"):
             assert {f"{prefix}_{joint}" for joint in hand.joint_names} <= set(table.column_names)
-        for touch in TOUCH_COLUMNS:
+        for touch in (*hand.digits, "palm"):
             assert table.schema.field(f"touch_end_{touch}").type == pa.bool_()
         for field in table.schema:
             label = pa.types.is_dictionary(field.type) and field.type.value_type == pa.string()
@@ -117,7 +122,7 @@ def test_a_shards_values_are_those_of_its_names(collection: Path) -> None:
     for i, row in enumerate(rows):
         posture = dataset.grasps.posture_by_name()
         assert row["posture_THJ4"] == posture["THJ4"][i]
-        assert (row["object_label"], row["grasp_type"]) in FEW_CELLS
+        assert (row["object_label"], row["grasp_type"]) in FEW_NAMES
         assert row["verdict"] in VERDICTS
         assert row["held"] == (row["verdict"] == "held")
         assert row["faithful"] == dataset.outcomes.faithful(dataset.grasps)[i]
@@ -126,11 +131,11 @@ def test_a_shards_values_are_those_of_its_names(collection: Path) -> None:
 
 
 def test_metadata_says_what_the_rows_rest_on(
-    collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol
+    collection: Path, hand: Hand, prior: PosturePrior, short: Protocol
 ) -> None:
     metadata = metadata_of(collection)
     assert metadata["schema_version"] == SCHEMA_VERSION
-    assert metadata["hand"] == hand.description.name
+    assert metadata["hand"] == hand.name
     assert metadata["joint_names"] == list(hand.joint_names)
     assert metadata["pregrasp_rad"] == hand.pregrasp.tolist()
     assert metadata["prior"] == prior.fingerprint()
@@ -138,8 +143,13 @@ def test_metadata_says_what_the_rows_rest_on(
     assert metadata["seed"] == SPEC.seed
     assert metadata["collection"]["trials_per_cell"] == 6
     assert {"graspcascade", "mujoco", "numpy", "python"} <= set(metadata["versions"])
-    sizes = {label: {"shape": o.shape, "extents_m": list(o.extents_m)} for label, o in CATALOGUE.items()}
+    sizes = {
+        name: {"shape": o.shape.kind, "extents_m": list(o.extents_m)}
+        for name, o in CATALOGUE.items()
+        if name in dict(FEW_NAMES)
+    }
     assert metadata["objects"] == sizes
+    assert metadata["digits"] == ["thumb", "index", "middle", "ring", "little"]
     assert [shard["file"] for shard in metadata["shards"]] == list(SHARDS)
     for shard in metadata["shards"]:
         assert shard["sha256"] == hashlib.sha256((collection / shard["file"]).read_bytes()).hexdigest()
@@ -152,14 +162,12 @@ def test_counts_are_those_of_the_rows(collection: Path) -> None:
     assert (counts["trials"], counts["held"], counts["faithful"]) == (24, held.sum(), faithful.sum())
     assert counts["screened_out"] == sum(shard["screened_out"] for shard in dataset.metadata["shards"])
     for cell in counts["cells"]:
-        rows = (dataset.grasps.object_label == cell["object"]) & (dataset.grasps.grasp_type == cell["grasp_type"])
-        found = (rows.sum(), held[rows].sum(), faithful[rows].sum())
-        assert (cell["trials"], cell["held"], cell["faithful"]) == found
+        rows = (dataset.grasps.object_name == cell["object"]) & (dataset.grasps.grasp_type == cell["grasp_type"])
+        counted = (rows.sum(), held[rows].sum(), faithful[rows].sum())
+        assert (cell["trials"], cell["held"], cell["faithful"]) == counted
 
 
-def test_successes_and_failures_are_kept_alike_and_no_hopeless_candidate_is_tried(
-    collection: Path, hand: HandModel
-) -> None:
+def test_successes_and_failures_are_kept_alike_and_no_hopeless_candidate_is_tried(collection: Path, hand: Hand) -> None:
     dataset = load_dataset(collection)
     assert 0 < dataset.outcomes.held.sum() < len(dataset.outcomes)
     assert not cannot_touch(hand, dataset.grasps).any()
@@ -169,7 +177,7 @@ def test_successes_and_failures_are_kept_alike_and_no_hopeless_candidate_is_trie
 
 
 def test_a_loaded_dataset_equals_what_was_collected(
-    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    heuristic: Heuristic, short: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written: list[tuple[Grasps, Outcomes]] = []
     to_columns = module.to_columns
@@ -179,68 +187,67 @@ def test_a_loaded_dataset_equals_what_was_collected(
         return to_columns(grasps, outcomes)
 
     monkeypatch.setattr(module, "to_columns", keep)
-    collect(hand, prior, SPEC, tmp_path / "data", protocol=short)
+    collect(heuristic, SPEC, tmp_path / "data", protocol=short)
     dataset = load_dataset(tmp_path / "data")
-    assert dataset.grasps.joint_names == hand.joint_names
-    grasps = Grasps.concatenate([g for g, _ in written]).columns()
+    assert dataset.grasps.joint_names == heuristic.hand.joint_names
+    joined = Grasps.concatenate([g for g, _ in written])
+    assert dataset.grasps.tasks.same_as(joined.tasks)
+    grasps = joined.columns()
     outcomes = Outcomes.concatenate([o for _, o in written]).columns()
     grasps["object_size_m"] = outcomes["object_size_m"]  # what the trial measured
     assert_equal_in_single_precision(dataset.grasps.columns(), grasps)
     assert_equal_in_single_precision(dataset.outcomes.columns(), outcomes)
 
 
-def assert_equal_in_single_precision(found: dict[str, Any], expected: dict[str, Any]) -> None:
-    assert set(found) == set(expected)
+def assert_equal_in_single_precision(read: dict[str, Any], expected: dict[str, Any]) -> None:
+    assert set(read) == set(expected)
     for name, column in expected.items():
         if column.dtype.kind == "f":
-            np.testing.assert_allclose(found[name], column, rtol=1e-6, atol=1e-7, err_msg=name)
+            np.testing.assert_allclose(read[name], column, rtol=1e-6, atol=1e-7, err_msg=name)
         else:
-            np.testing.assert_array_equal(found[name], column, err_msg=name)
+            np.testing.assert_array_equal(read[name], column, err_msg=name)
 
 
 # Going on
 
 
-def test_a_finished_collection_is_left_as_it_is(
-    copy: Path, hand: HandModel, prior: PosturePrior, short: Protocol
-) -> None:
+def test_a_finished_collection_is_left_as_it_is(copy: Path, heuristic: Heuristic, short: Protocol) -> None:
     before = contents(copy)
-    state = collect(hand, prior, SPEC, copy, protocol=short)
+    state = collect(heuristic, SPEC, copy, protocol=short)
     assert state.rounds == 2
     assert state.trials.tolist() == [6, 6, 6, 6]
     assert contents(copy) == before
 
 
 def test_a_collection_that_lost_its_last_round_writes_it_again(
-    copy: Path, collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol
+    copy: Path, collection: Path, heuristic: Heuristic, short: Protocol
 ) -> None:
     metadata = metadata_of(copy)
     metadata["shards"].pop()
     write_metadata(copy, metadata)
     (copy / SHARDS[1]).unlink()
-    collect(hand, prior, SPEC, copy, protocol=short, n_threads=1)
+    collect(heuristic, SPEC, copy, protocol=short, engine=MujocoEngine(1, creep=FAST_FORWARD))
     assert contents(copy) == contents(collection)
 
 
 def test_a_collection_cut_off_between_rounds_goes_on_as_if_nothing_had_happened(
-    collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+    collection: Path, heuristic: Heuristic, short: Protocol, tmp_path: Path
 ) -> None:
     def stop(state: Any) -> None:
         if state.rounds == 1:
             raise CutOffError
 
     with pytest.raises(CutOffError):
-        collect(hand, prior, SPEC, tmp_path / "data", protocol=short, progress=stop)
+        collect(heuristic, SPEC, tmp_path / "data", protocol=short, progress=stop)
     assert set(contents(tmp_path / "data")) == {SHARDS[0], "metadata.json"}
-    collect(hand, prior, SPEC, tmp_path / "data", protocol=short)
+    collect(heuristic, SPEC, tmp_path / "data", protocol=short)
     assert contents(tmp_path / "data") == contents(collection)
 
 
-@pytest.mark.parametrize("step", ["run", "write_shard", "write_metadata"])
+@pytest.mark.parametrize("step", ["try_round", "write_shard", "write_metadata"])
 def test_a_collection_cut_off_within_a_round_goes_on_as_if_nothing_had_happened(
     collection: Path,
-    hand: HandModel,
-    prior: PosturePrior,
+    heuristic: Heuristic,
     short: Protocol,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -256,9 +263,9 @@ def test_a_collection_cut_off_within_a_round_goes_on_as_if_nothing_had_happened(
 
     monkeypatch.setattr(module, step, cut_off)
     with pytest.raises(CutOffError):
-        collect(hand, prior, SPEC, tmp_path / "data", protocol=short)
+        collect(heuristic, SPEC, tmp_path / "data", protocol=short)
     monkeypatch.setattr(module, step, whole)
-    collect(hand, prior, SPEC, tmp_path / "data", protocol=short)
+    collect(heuristic, SPEC, tmp_path / "data", protocol=short)
     assert contents(tmp_path / "data") == contents(collection)
 
 
@@ -269,8 +276,7 @@ def test_a_collection_cut_off_within_a_round_goes_on_as_if_nothing_had_happened(
 def test_lost_shards_are_collected_again_and_the_others_kept(
     copy: Path,
     collection: Path,
-    hand: HandModel,
-    prior: PosturePrior,
+    heuristic: Heuristic,
     short: Protocol,
     how: str,
     lost: tuple[str, ...],
@@ -284,7 +290,7 @@ def test_lost_shards_are_collected_again_and_the_others_kept(
     written = {name: (copy / name).stat().st_mtime_ns for name in set(SHARDS) - set(lost)}
     states: list[Any] = []
     spec = replace(SPEC, trials_per_cell=SPEC.trials_per_cell - less)
-    end = collect(hand, prior, spec, copy, protocol=short, progress=states.append)
+    end = collect(heuristic, spec, copy, protocol=short, progress=states.append)
     assert states[0].lost == lost
     assert states[0].trials.tolist() == [3 * (2 - len(lost))] * 4
     assert not end.lost
@@ -295,31 +301,29 @@ def test_lost_shards_are_collected_again_and_the_others_kept(
     assert less or contents(copy) == contents(collection)
 
 
-def test_a_lost_shard_gets_the_cells_that_it_had(
-    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
-) -> None:
+def test_a_lost_shard_gets_the_cells_that_it_had(heuristic: Heuristic, short: Protocol, tmp_path: Path) -> None:
     """Later rounds draw few cells; asked for more, they would draw others."""
     spec = CollectionSpec(trials_per_cell=0, successes_per_cell=2, most_trials_per_cell=8, round_per_cell=1, seed=3)
-    state = collect(hand, prior, spec, tmp_path / "data", protocol=short)
+    state = collect(heuristic, spec, tmp_path / "data", protocol=short)
     last = tmp_path / "data" / f"part-{state.rounds - 1:05d}.parquet"
     before = last.read_bytes()
     assert 0 < len(pq.read_table(last)) < len(FEW_CELLS)
     last.unlink()
-    collect(hand, prior, replace(spec, successes_per_cell=4), tmp_path / "data", protocol=short)
+    collect(heuristic, replace(spec, successes_per_cell=4), tmp_path / "data", protocol=short)
     assert last.read_bytes() == before
 
 
 def test_nobody_else_collects_into_a_folder_in_the_meantime(
-    collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+    collection: Path, heuristic: Heuristic, short: Protocol, tmp_path: Path
 ) -> None:
     refused: list[str] = []
 
     def meddle(state: Any) -> None:
         with pytest.raises(InputError, match="another process is writing to"):
-            collect(hand, prior, SPEC, tmp_path / "data", protocol=short)
+            collect(heuristic, SPEC, tmp_path / "data", protocol=short)
         refused.append(state.rounds)
 
-    collect(hand, prior, SPEC, tmp_path / "data", protocol=short, progress=meddle)
+    collect(heuristic, SPEC, tmp_path / "data", protocol=short, progress=meddle)
     assert refused == [0, 1, 2]
     assert contents(tmp_path / "data") == contents(collection)
     with sole_writer(collection):
@@ -327,34 +331,32 @@ def test_nobody_else_collects_into_a_folder_in_the_meantime(
 
 
 def test_the_lock_of_a_crashed_collection_is_no_hindrance(
-    collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+    collection: Path, heuristic: Heuristic, short: Protocol, tmp_path: Path
 ) -> None:
     (tmp_path / LOCK_FILE).touch()
-    collect(hand, prior, SPEC, tmp_path, protocol=short)
+    collect(heuristic, SPEC, tmp_path, protocol=short)
     assert contents(tmp_path) == contents(collection)
     (tmp_path / LOCK_FILE).touch()
     assert len(load_dataset(tmp_path).grasps) == 24
 
 
 def test_what_a_killed_collection_left_is_no_hindrance(
-    collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
+    collection: Path, heuristic: Heuristic, short: Protocol, tmp_path: Path
 ) -> None:
     (tmp_path / ".metadata.json.4711.staged").write_text("{")
-    collect(hand, prior, SPEC, tmp_path, protocol=short)
+    collect(heuristic, SPEC, tmp_path, protocol=short)
     assert contents(tmp_path) == contents(collection)
 
 
-def test_more_may_be_asked_of_a_collection(
-    copy: Path, collection: Path, hand: HandModel, prior: PosturePrior, short: Protocol
-) -> None:
-    state = collect(hand, prior, replace(SPEC, trials_per_cell=7), copy, protocol=short)
+def test_more_may_be_asked_of_a_collection(copy: Path, collection: Path, heuristic: Heuristic, short: Protocol) -> None:
+    state = collect(heuristic, replace(SPEC, trials_per_cell=7), copy, protocol=short)
     assert state.rounds == 3
     assert (copy / SHARDS[0]).read_bytes() == (collection / SHARDS[0]).read_bytes()
     assert len(load_dataset(copy).grasps) == 36
     before, now = metadata_of(collection), metadata_of(copy)
     assert "asked_before" not in before
     assert now["asked_before"] == [{"rounds": 2, "collection": before["collection"]}]
-    collect(hand, prior, replace(SPEC, trials_per_cell=7), copy, protocol=short)
+    collect(heuristic, replace(SPEC, trials_per_cell=7), copy, protocol=short)
     assert metadata_of(copy) == now
 
 
@@ -370,24 +372,66 @@ def test_what_holds_too_rarely_is_told_while_it_is_waited_for() -> None:
     assert not CollectionState(4, trials - 1, held, held).rare(spec).size
 
 
-def test_only_unfinished_cells_are_drawn(hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path) -> None:
+def test_only_unfinished_cells_are_drawn(heuristic: Heuristic, short: Protocol, tmp_path: Path) -> None:
     spec = CollectionSpec(trials_per_cell=0, successes_per_cell=1, round_per_cell=2, seed=3)
     states: list[Any] = []
-    end = collect(hand, prior, spec, tmp_path / "data", protocol=short, progress=states.append)
+    end = collect(heuristic, spec, tmp_path / "data", protocol=short, progress=states.append)
     assert (end.held >= 1).all()
     for before, after in pairwise(states):
         drawn = after.trials > before.trials
         np.testing.assert_array_equal(drawn, before.held < 1)
 
 
-def test_a_cell_that_never_holds_is_given_up(
-    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
-) -> None:
+def test_a_cell_that_never_holds_is_given_up(heuristic: Heuristic, short: Protocol, tmp_path: Path) -> None:
     spec = CollectionSpec(trials_per_cell=0, successes_per_cell=50, most_trials_per_cell=5, round_per_cell=2, seed=3)
-    end = collect(hand, prior, spec, tmp_path / "data", protocol=short)
+    end = collect(heuristic, spec, tmp_path / "data", protocol=short)
     np.testing.assert_array_equal(end.trials, 6)
     assert end.short(spec).size == len(FEW_CELLS)
     assert not end.unfinished(spec).size
+
+
+def test_the_numbers_of_processes_and_threads_change_no_byte(
+    collection: Path, heuristic: Heuristic, short: Protocol, tmp_path: Path
+) -> None:
+    for name, threads, workers in (("a", 2, 1), ("b", 0, 2)):
+        engine = MujocoEngine(threads, creep=FAST_FORWARD)
+        collect(heuristic, SPEC, tmp_path / name, protocol=short, engine=engine, workers=workers)
+        assert contents(tmp_path / name) == contents(collection)
+
+
+# Objects
+
+
+def test_objects_are_those_that_the_dataset_describes(copy: Path) -> None:
+    metadata = metadata_of(copy)
+    metadata["objects"]["box_small"]["density_kg_m3"] = 250.0
+    write_metadata(copy, metadata)
+    objects = load_dataset(copy).grasps.tasks.objects
+    assert objects["box_small"] == replace(CATALOGUE["box_small"], density_kg_m3=250.0)
+    assert objects["sphere_small"] == CATALOGUE["sphere_small"]
+    metadata["objects"]["sphere_small"]["extents_m"] = [0.021, 0.021, 0.021]
+    write_metadata(copy, metadata)
+    with pytest.raises(FileFormatError, match=r"m wide, but side x of sphere_small is 0\.021 m"):
+        load_dataset(copy)
+
+
+def test_a_dataset_may_be_of_objects_that_the_catalogue_lacks(
+    heuristic: Heuristic, short: Protocol, tmp_path: Path
+) -> None:
+    brick = GraspObject("brick", Box(0.02, 0.04, 0.03), density_kg_m3=1100.0)
+    cells = ((brick, GRASP_TYPES["tripod"]), (as_object("sphere:31mm"), GRASP_TYPES["tripod"]))
+    collect(heuristic, SPEC, tmp_path, protocol=short, cells=cells)
+    grasps = Grasps.concatenate([module.draw_round(heuristic, range(2), n, SPEC, cells)[0] for n in range(2)])
+    assert load_dataset(tmp_path).grasps.tasks.same_as(grasps.tasks)
+    metadata = metadata_of(tmp_path)
+    assert metadata["cells"] == [["brick", "tripod"], ["sphere:31mm", "tripod"]]
+    assert [cell["trials"] for cell in metadata["counts"]["cells"]] == [6, 6]
+    with pytest.raises(InputError, match="rounds with another objects, cells"):
+        collect(heuristic, SPEC, tmp_path, protocol=short, cells=cells[:1])
+    del metadata["objects"]["brick"]
+    write_metadata(tmp_path, metadata)
+    with pytest.raises(FileFormatError, match="unknown object 'brick'"):
+        load_dataset(tmp_path)
 
 
 # Refusals
@@ -411,31 +455,22 @@ def test_numbers_that_ask_for_no_collection_are_refused(change: dict[str, int], 
 
 @pytest.mark.parametrize("changed", ["seed", "round_per_cell", "protocol", "prior", "hand"])
 def test_other_arguments_than_the_collections_own_are_refused_and_nothing_is_lost(
-    copy: Path, hand: HandModel, prior: PosturePrior, short: Protocol, changed: str
+    copy: Path, heuristic: Heuristic, short: Protocol, changed: str
 ) -> None:
     spec, protocol = SPEC, short
     if changed in ("seed", "round_per_cell"):
         spec = replace(SPEC, **{changed: 5})
     elif changed == "protocol":
-        protocol = replace(short, friction=0.6)
+        protocol = short.with_physics("short", friction=0.6)
     elif changed == "hand":
-        hand = replace(hand, description=replace(hand.description, name="another"))
+        heuristic = replace(heuristic, hand=replace(heuristic.hand, name="another"))
     else:
         metadata = metadata_of(copy)
         write_metadata(copy, metadata | {"prior": "0" * 16})
     before = contents(copy)
-    with pytest.raises(InputError, match=f"collection with another {changed}"):
-        collect(hand, prior, spec, copy, protocol=protocol)
+    with pytest.raises(InputError, match=f"rounds with another {changed}"):
+        collect(heuristic, spec, copy, protocol=protocol)
     assert contents(copy) == before
-
-
-def test_a_prior_of_the_joints_in_another_order_is_refused(
-    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
-) -> None:
-    other = replace(prior, joint_names=prior.joint_names[::-1])
-    with pytest.raises(InputError, match=r"joints THJ1, .* train the prior for this hand"):
-        collect(hand, other, SPEC, tmp_path / "data", protocol=short)
-    assert not (tmp_path / "data").exists()
 
 
 class OpenHand:
@@ -445,19 +480,17 @@ class OpenHand:
         return np.zeros((len(codes), 22))
 
 
-def test_a_cell_that_cannot_touch_is_given_up_by_its_name(hand: HandModel, prior: PosturePrior) -> None:
-    open_hand = replace(prior, decoder=OpenHand())
+def test_a_cell_that_cannot_touch_is_given_up_by_its_name(hand: Hand, prior: PosturePrior) -> None:
+    open_hand = Heuristic(hand, replace(prior, decoder=OpenHand()))
     spec = CollectionSpec(trials_per_cell=1, round_per_cell=1)
     with pytest.raises(InputError, match=r"only 0 of 1000 tripod candidates for box_small .* give a prior"):
-        module.draw_round(hand, open_hand, np.arange(2), 0, spec)
+        module.draw_round(open_hand, range(2), 0, spec, FEW_CELLS)
 
 
-def test_a_folder_that_holds_something_else_is_refused(
-    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path
-) -> None:
+def test_a_folder_that_holds_something_else_is_refused(heuristic: Heuristic, short: Protocol, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="holds no collection"):
-        collect(hand, prior, SPEC, tmp_path, protocol=short)
+        collect(heuristic, SPEC, tmp_path, protocol=short)
     assert contents(tmp_path) == {"notes.txt": b"mine"}
     with pytest.raises(FileFormatError, match=r"no metadata\.json"):
         load_dataset(tmp_path)
@@ -467,13 +500,13 @@ def test_a_folder_that_holds_something_else_is_refused(
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '"text"', '{"schema_version": 1}', '{"schema_version": 999}'])
 def test_metadata_that_is_no_metadata_is_refused(
-    hand: HandModel, prior: PosturePrior, short: Protocol, tmp_path: Path, text: str
+    heuristic: Heuristic, short: Protocol, tmp_path: Path, text: str
 ) -> None:
     (tmp_path / "metadata.json").write_text(text)
     with pytest.raises(FileFormatError, match=r"metadata\.json"):
         load_dataset(tmp_path)
     with pytest.raises(FileFormatError, match=r"metadata\.json"):
-        collect(hand, prior, SPEC, tmp_path, protocol=short)
+        collect(heuristic, SPEC, tmp_path, protocol=short)
     assert contents(tmp_path) == {"metadata.json": text.encode()}
 
 

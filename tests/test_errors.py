@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from graspcascade.errors import FileFormatError, InputError, unknown
+from graspcascade.core.errors import FileFormatError, InputError, unknown
 
 NAMES = ("tripod", "palmar_pinch", "tip_pinch")
 
@@ -31,6 +31,14 @@ def test_a_name_like_none_of_the_valid_ones_gets_no_guess() -> None:
 
 def test_a_value_that_is_no_string_is_reported_as_given() -> None:
     assert str(unknown("count", 3, ("one", "two"))) == "unknown count 3. Valid: one, two."
+
+
+@pytest.mark.parametrize("given", ["x" * 100_000, ["x"] * 100_000, {"a": "b" * 1000}])
+def test_what_was_given_is_shortened_in_the_message(given: object) -> None:
+    message = str(unknown("grasp type", given, NAMES))
+    assert len(message) < 150
+    assert "..." in message
+    assert message.endswith("Valid: tripod, palmar_pinch, tip_pinch.")
 
 
 def test_valid_names_may_come_from_any_iterable() -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from graspcascade.errors import FileFormatError, InputError
-from graspcascade.files import (
+from graspcascade.core.errors import FileFormatError, InputError
+from graspcascade.core.files import (
     LOCK_FILE,
     holds_nothing,
     read_json,
@@ -124,12 +124,28 @@ def test_json_that_cannot_be_read_is_named(tmp_path: Path, content: bytes | None
         read_json(path)
 
 
+def test_files_are_on_disk_before_they_get_their_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    flushed: list[str] = []
+
+    def fsync(descriptor: int) -> None:
+        flushed.append(os.read(descriptor, 9).decode())
+        assert not [path for path in tree(tmp_path) if not path.startswith(".")]
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    write_staged(tmp_path / "file", lambda staged: staged.write_text("one"))
+    (tmp_path / "file").unlink()
+    write_folder_staged(tmp_path / "folder", lambda staged: write_text(staged / "inner" / "file", "two"))
+    assert flushed == ["one", "two", "two"], "the file inside is flushed when it is written and with its folder"
+
+
 # One writer
 
 
 def elsewhere(folder: Path, then: str = "pass") -> subprocess.CompletedProcess[str]:
     """Ask another process for the folder, and let it do something there."""
-    code = f"import os, pathlib, graspcascade.files as f\nwith f.sole_writer(pathlib.Path({str(folder)!r})): {then}"
+    code = (
+        f"import os, pathlib, graspcascade.core.files as f\nwith f.sole_writer(pathlib.Path({str(folder)!r})): {then}"
+    )
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
 
 
@@ -199,52 +215,55 @@ def test_a_writer_that_fails_leaves_leftovers_alone(littered: Path) -> None:
     assert tree(littered) == LEFT
 
 
-def test_where_nobody_is_kept_out_no_leftovers_are_removed(littered: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_locks(*_: object) -> None:
-        raise OSError(errno.ENOLCK, "no locks available")
+@pytest.fixture(params=[errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK], ids=errno.errorcode.get)
+def no_locks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the file system know no locks."""
 
-    monkeypatch.setattr("fcntl.flock", no_locks)
-    with sole_writer(littered):
-        pass
-    monkeypatch.setitem(sys.modules, "fcntl", None)
+    def refuse(*_: object) -> None:
+        raise OSError(request.param, "no locks available")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+
+
+@pytest.mark.usefixtures("no_locks")
+def test_a_file_system_without_locks_keeps_nobody_out(tmp_path: Path) -> None:
+    with sole_writer(tmp_path), sole_writer(tmp_path):
+        assert tree(tmp_path) == {}
+    assert tree(tmp_path) == {}
+
+
+@pytest.mark.usefixtures("no_locks")
+def test_where_nobody_is_kept_out_no_leftovers_are_removed(littered: Path) -> None:
     with sole_writer(littered):
         pass
     assert tree(littered) == LEFT
 
 
-def test_a_lock_whose_file_was_just_removed_is_not_taken_for_one(
+def test_other_faults_of_a_lock_are_not_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise OSError(errno.EIO, "broken disk")
+
+    monkeypatch.setattr("fcntl.flock", broken)
+    with pytest.raises(OSError, match="broken disk"), sole_writer(tmp_path):
+        raise AssertionError
+
+
+def test_a_lock_file_that_was_just_removed_is_not_taken_for_a_lock(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fcntl = pytest.importorskip("fcntl")
-    flock, locked = fcntl.flock, []
+    flock = fcntl.flock
 
     def late(descriptor: int, operation: int) -> None:
-        if not locked:
-            (tmp_path / LOCK_FILE).unlink()  # as the writer before does when it is done
+        (tmp_path / LOCK_FILE).unlink(missing_ok=True)  # as the writer before does when it is done
         flock(descriptor, operation)
-        locked.append(descriptor)
 
     monkeypatch.setattr(fcntl, "flock", late)
-    with sole_writer(tmp_path):
-        assert len(locked) == 2
-        with pytest.raises(InputError), sole_writer(tmp_path):
-            raise AssertionError
-
-
-def test_a_system_without_locks_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "fcntl", None)
-    with sole_writer(tmp_path), sole_writer(tmp_path):
-        assert tree(tmp_path) == {}
-
-
-def test_a_file_system_without_locks_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_locks(*_: object) -> None:
-        raise OSError(errno.ENOLCK, "no locks available")
-
-    monkeypatch.setattr("fcntl.flock", no_locks)
-    with sole_writer(tmp_path), sole_writer(tmp_path):
-        pass
-    assert tree(tmp_path) == {}
+    with pytest.raises(InputError, match="another process is writing"), sole_writer(tmp_path):
+        raise AssertionError
+    monkeypatch.undo()
+    with sole_writer(tmp_path), pytest.raises(InputError), sole_writer(tmp_path):
+        raise AssertionError
 
 
 def test_a_file_is_no_folder_to_write_to(tmp_path: Path) -> None:

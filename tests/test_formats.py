@@ -12,10 +12,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from graspcascade import formats
-from graspcascade.errors import FileFormatError, InputError
-from graspcascade.formats import FORMATS, FORMATS_BY_NAME, load_document, load_grasps, save_grasps
-from graspcascade.grasps import Grasps
-from graspcascade.poses import Pose, canonical_quat, rotation_angle
+from graspcascade.core.errors import FileFormatError, InputError
+from graspcascade.core.grasps import Grasps
+from graspcascade.core.objects import Box, GraspObject
+from graspcascade.core.poses import Pose, canonical_quat, rotation_angle
+from graspcascade.core.tasks import Task, Tasks
+from graspcascade.formats import (
+    FORMATS,
+    FORMATS_BY_NAME,
+    ExportOptions,
+    load_document,
+    load_executable,
+    load_grasps,
+    save_grasps,
+)
+from graspcascade.hands import Hand
 
 METADATA = {"model": "model3", "asked": {"n": 4, "seed": 7, "side_cm": None}, "versions": {"numpy": "2"}}
 WORLD = Pose.of([0.5, -0.2, 0.1], [0.5, 0.5, 0.5, 0.5])
@@ -35,7 +46,8 @@ def stored(grasps: Grasps, tmp_path: Path) -> dict[str, Any]:
 
 
 def assert_equal(one: Grasps, other: Grasps) -> None:
-    assert one.joint_names == other.joint_names
+    assert (one.hand, one.joint_names) == (other.hand, other.joint_names)
+    assert one.tasks.same_as(other.tasks)
     for name, column in one.columns().items():
         np.testing.assert_array_equal(column, other.columns()[name], err_msg=name)
 
@@ -55,14 +67,15 @@ def test_a_file_gives_back_every_bit_of_the_grasps_and_their_metadata(
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_json_is_exact_for_any_grasps(drawn: Grasps, tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+def test_json_is_exact_for_any_grasps(
+    drawn: Grasps, hand: Hand, tmp_path_factory: pytest.TempPathFactory, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
     n, joints = len(drawn), len(drawn.joint_names)
-    scale = 10.0 ** rng.uniform(-12, 2, (n, joints))
     changed = replace(
         drawn,
-        posture=rng.normal(size=(n, joints)) * scale,
-        X_hand_object=Pose(rng.normal(size=(n, 3)), canonical_quat(rng.normal(size=(n, 4)))),
+        posture=hand.clip(rng.normal(size=(n, joints)) * 10.0 ** rng.uniform(-12, 2, (n, joints))),
+        X_hand_object=Pose(rng.uniform(-0.5, 0.5, (n, 3)), canonical_quat(rng.normal(size=(n, 4)))),
         probability=np.where(rng.uniform(size=n) < 0.5, np.nan, rng.uniform(size=n)),
     )
     path = tmp_path_factory.mktemp("exact") / "grasps.json"
@@ -103,7 +116,7 @@ def test_json_names_units_frames_order_joints_and_objects(stored: dict[str, Any]
     assert stored["quaternion_order"] == "wxyz"
     assert "X_hand_object" in stored["frames"]
     assert stored["joint_names"] == list(grasps.joint_names)
-    assert set(stored["objects"]) == set(grasps.object_label.tolist())
+    assert set(stored["objects"]) == set(grasps.object_name.tolist())
     assert stored["written_by"].startswith("graspcascade ")
 
 
@@ -184,8 +197,9 @@ def test_what_cannot_be_written_leaves_the_earlier_file_as_it_was(
 def test_an_object_pose_is_one_for_all_grasps(grasps: Grasps, tmp_path: Path, name: str, n_poses: int) -> None:
     several = Pose(np.tile(WORLD.position_m, (n_poses, 1)), np.tile(WORLD.quat_wxyz, (n_poses, 1)))
     path = tmp_path / ("folder" if FORMATS_BY_NAME[name].layout != "file" else f"g{FORMATS_BY_NAME[name].suffixes[0]}")
+    options = ExportOptions(contact="target")
     with pytest.raises(InputError, match=rf"X_world_object: one pose.*got \({n_poses}, 3\)"):
-        save_grasps(path, grasps, metadata={}, X_world_object=several, format=name)
+        save_grasps(path, grasps, metadata={}, X_world_object=several, format=name, options=options)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -193,7 +207,7 @@ def test_parquet_without_pyarrow_names_the_extra(
     grasps: Grasps, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(InputError, match=r"graspcascade\[train\]"):
+    with pytest.raises(InputError, match=r"extra 'train'"):
         save_grasps(tmp_path / "g.parquet", grasps, metadata={})
     assert list(tmp_path.iterdir()) == []
 
@@ -268,6 +282,10 @@ def _change(path: list[Any], value: Any) -> Any:
         (["grasps", 2, "grasp_type"], "tripodd", "grasp 2: .*Did you mean 'tripod'"),
         (["grasps", 2, "object_label"], "box_mediun", "grasp 2: .*Did you mean 'box_medium'"),
         (["grasps", 2, "side_axis"], "q", "grasp 2: unknown side axis 'q'"),
+        (["grasps", 2, "side_axis"], 1, "grasp 2: side_axis is 1, not a name"),
+        (["hand"], 5, "hand is 5, not a name"),
+        (["objects", "box_small", "extents_m"], [0.02, 0.03], "three extents"),
+        (["objects", "box_small", "shape"], "cone", "unknown shape 'cone'"),
         (["grasps", 2, "side_m"], -0.03, "grasp 2: side_m"),
         (["grasps", 3, "X_hand_object", "quat_wxyz"], [1.0, 1.0, 0.0, 0.0], "grasp 3: .*norm 1"),
         (["grasps", 3, "X_hand_object", "quat_wxyz"], [1.0, 0.0, 0.0], "grasp 3: quat_wxyz"),
@@ -301,3 +319,143 @@ def test_a_quaternion_with_negative_w_is_read_as_the_same_rotation(
     found = load_grasps(tmp_path / "turned.json").X_hand_object.quat_wxyz[0]
     assert found[0] >= 0
     np.testing.assert_allclose(found, grasps.X_hand_object.quat_wxyz[0], atol=1e-15)
+
+
+# -- hand and objects
+
+
+def test_a_file_names_its_hand_and_one_that_does_not_is_of_the_shadow_hand(
+    stored: dict[str, Any], grasps: Grasps, tmp_path: Path
+) -> None:
+    assert stored["hand"] == "shadow_hand_right"
+    del stored["hand"]
+    (tmp_path / "old.json").write_text(json.dumps(stored))
+    assert_equal(load_grasps(tmp_path / "old.json"), grasps)
+
+
+@every_format
+def test_grasps_of_any_hand_and_object_read_back(grasps: Grasps, tmp_path: Path, suffix: str) -> None:
+    own = GraspObject("my mug/2", Box(0.03, 0.05, 0.1), 950.0)
+    kept = [0, 4, 17, 18]
+    other = replace(
+        grasps,
+        hand="three_fingers",
+        joint_names=tuple(f"j{i}" for i in kept),
+        posture=grasps.posture[:, kept],
+        pregrasp=grasps.pregrasp[:, kept],
+        tasks=Tasks.repeat(Task.of("tripod", own, "x"), len(grasps)),
+    )
+    save_grasps(tmp_path / f"g{suffix}", other, metadata={})
+    assert_equal(load_grasps(tmp_path / f"g{suffix}"), other)
+
+
+@every_format
+def test_an_object_of_another_size_is_tried_at_its_own(grasps: Grasps, tmp_path: Path, suffix: str) -> None:
+    longer = GraspObject("box_medium", Box(0.03, 0.045, 0.08))
+    changed = replace(grasps, tasks=Tasks.repeat(Task.of("tripod", longer, "x"), len(grasps)))
+    save_grasps(tmp_path / f"g{suffix}", changed, metadata={})
+    assert set(load_grasps(tmp_path / f"g{suffix}").tasks.objects.values()) == {longer}
+
+
+def test_two_objects_of_one_name_are_not_written(grasps: Grasps, tmp_path: Path) -> None:
+    two = [Task.of("tripod", GraspObject("mug", Box(0.03, y, 0.08)), "x") for y in (0.03, 0.04)]
+    with pytest.raises(InputError, match="two different objects are named 'mug'"):
+        save_grasps(tmp_path / "g.json", replace(grasps, tasks=Tasks.of(two * 2)), metadata={})
+
+
+def test_an_executable_file_has_grasps_with_all_joints_of_the_hand(grasps: Grasps, hand: Hand, tmp_path: Path) -> None:
+    save_grasps(tmp_path / "g.json", grasps, metadata={})
+    assert_equal(load_executable(tmp_path / "g.json", hand).grasps, grasps)
+    fewer = replace(
+        grasps, joint_names=grasps.joint_names[1:], posture=grasps.posture[:, 1:], pregrasp=grasps.pregrasp[:, 1:]
+    )
+    save_grasps(tmp_path / "g.json", fewer, metadata={})
+    with pytest.raises(InputError, match=r"g\.json lacks joints of shadow_hand_right: FFJ4"):
+        load_executable(tmp_path / "g.json", hand)
+    save_grasps(tmp_path / "g.json", grasps[[]], metadata={})
+    with pytest.raises(InputError, match="holds no grasps"):
+        load_executable(tmp_path / "g.json", hand)
+
+
+# -- units and limits
+
+
+def _set_all(stored: dict[str, Any], change: Any) -> None:
+    for row in stored["grasps"]:
+        change(row)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda row: row["posture"].update(FFJ3=45.0), "grasp 0: posture has an angle of 45.*looks like degrees"),
+        (lambda row: row["pregrasp"].update(THJ4=70.0), "pregrasp .*looks like degrees"),
+        (lambda row: row["posture"].update(FFJ3=3.0, MFJ3=3.0, RFJ3=3.0), "most grasps.*posture.*look like degrees"),
+        (lambda row: row["X_hand_object"].update(position_m=[1.0, -31.0, 90.0]), "95.1.* m from the palm.*millimetres"),
+        (lambda row: row.update(side_m=3.0), "grasp 0: side_m is 3, but lengths are metres.*centimetres"),
+        (lambda row: row.update(object_size_m=40.0), "object_size_m is 40, but lengths are metres.*millimetres"),
+        (lambda row: row.update(side_m=0.0301), r"grasp 0: its side is 0\.0301 m wide, but side . of \w+ is"),
+    ],
+)
+def test_other_units_are_refused_with_what_they_look_like(
+    stored: dict[str, Any], tmp_path: Path, change: Any, word: str
+) -> None:
+    _set_all(stored, change)
+    (tmp_path / "units.json").write_text(json.dumps(stored))
+    with pytest.raises(FileFormatError, match=word) as caught:
+        load_grasps(tmp_path / "units.json")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_angles_beyond_the_limits_are_kept_counted_and_told(
+    stored: dict[str, Any], grasps: Grasps, hand: Hand, tmp_path: Path
+) -> None:
+    assert load_document(_written(stored, tmp_path)).notes == ()
+    stored["grasps"][1]["posture"]["THJ3"] = 0.4
+    stored["grasps"][2]["posture"] |= {"THJ3": -0.3, "FFJ2": -0.05}
+    document = load_document(_written(stored, tmp_path))
+    assert document.notes == (
+        "posture is beyond the joint limits of shadow_hand_right in 2 grasps: "
+        "FFJ2 1 (by up to 0.05 rad), THJ3 2 (by up to 0.19 rad)",
+    )
+    assert document.grasps.posture_by_name()["THJ3"].tolist()[1:3] == [0.4, -0.3]
+    assert load_executable(tmp_path / "spoilt.json", hand).notes == document.notes
+
+
+def test_rounding_beyond_a_limit_is_clipped(stored: dict[str, Any], hand: Hand, tmp_path: Path) -> None:
+    stored["grasps"][0]["posture"] |= {"FFJ2": -0.0009, "FFJ3": 1.571}
+    document = load_document(_written(stored, tmp_path))
+    assert document.notes == ()
+    assert document.grasps.posture_by_name()["FFJ2"][0] == 0.0
+    assert document.grasps.posture_by_name()["FFJ3"][0] == hand.upper_rad[hand.joint_names.index("FFJ3")]
+
+
+def _written(stored: dict[str, Any], folder: Path) -> Path:
+    (folder / "spoilt.json").write_text(json.dumps(stored))
+    return folder / "spoilt.json"
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"X_hand_object": Pose(np.full((4, 3), 1e308), np.tile([1.0, 0, 0, 0], (4, 1)))}, "from the palm"),
+        ({"X_hand_object": Pose(np.zeros((4, 3)), np.tile([2.0, 0, 0, 0], (4, 1)))}, "norm 1, got norm 2"),
+        ({"posture": np.full((4, 22), 30.0)}, "degrees"),
+        ({"probability": np.full(4, 1.5)}, "probability is above 1"),
+        ({"grasp_size_m": np.full(4, np.inf)}, "grasp_size_m"),
+    ],
+)
+def test_values_that_no_reader_takes_are_not_written(
+    grasps: Grasps, tmp_path: Path, change: dict[str, Any], word: str
+) -> None:
+    for name, known in FORMATS_BY_NAME.items():
+        path = tmp_path / ("folder" if known.layout == "folder" else f"g{known.suffixes[0]}")
+        one = replace(grasps, tasks=Tasks.repeat(Task.of("tripod", "box_medium", "x"), 4), **change)
+        with pytest.raises(InputError, match=word):
+            save_grasps(path, one, metadata={}, format=name, options=ExportOptions(contact="target"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_that_is_nowhere_in_the_world_is_not_written(grasps: Grasps, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"X_world_object: a position of 1e\+308 m"):
+        save_grasps(tmp_path / "g.json", grasps, metadata={}, X_world_object=Pose.of([1e308, 0, 0], [1, 0, 0, 0]))

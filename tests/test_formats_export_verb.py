@@ -10,12 +10,13 @@ import pytest
 import yaml
 
 from graspcascade.cli import main
-from graspcascade.evaluation import Cell, Evaluation
+from graspcascade.core.grasps import Grasps
+from graspcascade.core.objects import CATALOGUE
+from graspcascade.core.outcomes import VERDICTS
+from graspcascade.core.protocols import PAPER
+from graspcascade.core.taxonomy import GRASP_TYPES
 from graspcascade.formats import FORMATS_BY_NAME, load_document, load_grasps, save_grasps
-from graspcascade.grasps import Grasps
-from graspcascade.objects import CATALOGUE
-from graspcascade.taxonomy import GRASP_TYPES
-from graspcascade.trials import PAPER, VERDICTS
+from graspcascade.studies.record import Cell, Evaluation
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ def test_there_and_back(export: Export, saved: Path, tmp_path: Path, name: str, 
     said = export(out, "--out", back, *trust, "--json")
     assert (said.status, said.err) == (0, "")
     assert json.loads(said.out) == {"out": str(back), "n": 3, "without_confidence": 3, "held": None}
+    assert load_grasps(back).tasks.same_as(load_grasps(saved).tasks)
     np.testing.assert_array_equal(load_grasps(back).posture, load_grasps(saved).posture)
     assert load_document(back).metadata == {"model": "by hand"}
 
@@ -103,14 +105,81 @@ def test_an_evaluation_gives_the_confidence(export: Export, saved: Path, tmp_pat
     assert "evaluate --json" in said.err
 
 
-def test_settle_writes_the_contact(export: Export, saved: Path, tmp_path: Path) -> None:
-    said = export(saved, "--format", "dexgraspbench", "--out", tmp_path / "bench", "--settle")
+@pytest.mark.parametrize("name", [name for name, known in FORMATS_BY_NAME.items() if known.contact])
+def test_a_format_of_hands_in_contact_tries_the_grasps_first(
+    export: Export, saved: Path, tmp_path: Path, name: str
+) -> None:
+    said = export(saved, "--format", name, "--out", tmp_path / "tried")
     assert said.status == 0
     assert "held in the trial" in said.out
-    rows = [np.load(file, allow_pickle=True).item() for file in (tmp_path / "bench").rglob("*.npy")]
-    for row in rows:
-        moved = not np.array_equal(row["grasp_qpos"], row["squeeze_qpos"])
-        assert row["graspcascade"]["grasp"]["contact_measured"] == moved
+    assert any(contact_measured(tmp_path / "tried"))
+    said = export(saved, "--format", name, "--out", tmp_path / "target", "--no-settle")
+    assert said.status == 0
+    assert "trial" not in said.out
+    assert not any(contact_measured(tmp_path / "target"))
+
+
+def contact_measured(folder: Path) -> list[bool]:
+    rows = [row for file in folder.rglob("*.npy") for row in np.load(file, allow_pickle=True).reshape(-1)]
+    return [row["graspcascade"]["grasp"]["contact_measured"] for row in rows]
+
+
+def test_other_formats_are_settled_where_it_is_asked_for(export: Export, saved: Path, tmp_path: Path) -> None:
+    assert "trial" not in export(saved, "--format", "isaac_grasp", "--out", tmp_path / "target").out
+    assert "held in the trial" in export(saved, "--format", "isaac_grasp", "--out", tmp_path / "tried", "--settle").out
+
+
+def test_an_empty_frame_is_the_objects_own(export: Export, saved: Path, tmp_path: Path) -> None:
+    out = tmp_path / "g.yaml"
+    for asked, frame in (([], "box_small"), (["--frame-id", "table"], "table"), (["--frame-id", ""], "")):
+        assert export(saved, "--format", "moveit_grasp", "--out", out, *asked).status == 0
+        assert yaml.safe_load(out.read_text())["grasps"][0]["grasp_pose"]["header"]["frame_id"] == frame
+
+
+def test_notes_on_the_file_go_to_stderr(export: Export, saved: Path, tmp_path: Path) -> None:
+    data = json.loads(saved.read_text())
+    data["grasps"][0]["posture"]["THJ3"] = 0.4
+    saved.write_text(json.dumps(data))
+    said = export(saved, "--out", tmp_path / "g.parquet", "--json")
+    assert said.status == 0
+    assert "posture is beyond the joint limits of shadow_hand_right in 1 grasps: THJ3 1" in said.err
+    assert len(said.err.splitlines()) == 1
+    json.loads(said.out)
+
+
+def test_an_object_that_is_not_known_is_what_the_user_says(export: Export, saved: Path, tmp_path: Path) -> None:
+    data = json.loads(saved.read_text())
+    data["grasps"] = data["grasps"][:1]
+    saved.write_text(json.dumps(data))
+    export(saved, "--format", "isaac_grasp", "--out", tmp_path / "mug.yaml")
+    isaac = yaml.safe_load((tmp_path / "mug.yaml").read_text())
+    del isaac["graspcascade"]
+    isaac["object_frame"] = "/World/mug"
+    (tmp_path / "mug.yaml").write_text(yaml.safe_dump(isaac))
+    back = ["--out", tmp_path / "back.json", "--grasp-type", "tripod"]
+    said = export(tmp_path / "mug.yaml", *back)
+    assert said.status == 2
+    assert "give --object" in said.err
+    assert export(tmp_path / "mug.yaml", *back, "--object", "cylinder:60x90mm").status == 0
+    assert list(load_grasps(tmp_path / "back.json").tasks.objects) == ["cylinder:60x90mm"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "keys"),
+    [
+        (["--frame-keys", "frame_link"], {"object_frame_link", "gripper_frame_link"}),
+        (["--joint-prefix", "robot0:", "--joint-numbering", "0"], {"object_frame", "gripper_frame"}),
+    ],
+)
+def test_names_in_the_file_are_a_choice(
+    export: Export, saved: Path, tmp_path: Path, arguments: list[str], keys: set[str]
+) -> None:
+    export(saved, "--format", "isaac_grasp", "--out", tmp_path / "isaac", *arguments)
+    for file in (tmp_path / "isaac").iterdir():
+        data = yaml.safe_load(file.read_text())
+        assert {key for key in data if "frame" in key} == keys
+        first = next(iter(next(iter(data["grasps"].values()))["cspace_position"]))
+        assert first == ("robot0:FFJ3" if "robot0:" in arguments else "FFJ4")
 
 
 @pytest.mark.parametrize(
@@ -122,6 +191,11 @@ def test_settle_writes_the_contact(export: Export, saved: Path, tmp_path: Path) 
         (["--out", "x.yaml", "--format", "isaac_grasp"], "one object"),
         (["--out", "x.json", "--object-pose", "0", "0", "0", "1", "1", "0", "0"], "norm 1"),
         (["--out", "x.yaml", "--format", "moveit_grasp", "--parent-link", "elbow"], "elbow"),
+        (["--out", "x.json", "--object", "box_mediun"], "Did you mean 'box_medium'"),
+        (["--out", "x.json", "--grasp-type", "tripodd"], "Did you mean 'tripod'"),
+        (["--out", "x.json", "--hand", "barrett"], "unknown hand 'barrett'"),
+        (["--out", "x.json", "--object-pose", "400", "0", "100", "1", "0", "0", "0"], "were millimetres meant?"),
+        (["--out", "x.json", "--joint-numbering", "2"], "--joint-numbering"),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(

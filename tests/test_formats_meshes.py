@@ -7,42 +7,45 @@ import mujoco
 import numpy as np
 import pytest
 
-from graspcascade.formats import save_grasps
-from graspcascade.formats.meshes import Mesh, object_mesh, write_obj
-from graspcascade.grasps import Grasps
-from graspcascade.objects import CATALOGUE
+from graspcascade.core.grasps import Grasps
+from graspcascade.core.objects import CATALOGUE
+from graspcascade.formats import ExportOptions, save_grasps
+from graspcascade.worlds.meshes import object_mesh, write_obj
 
+TARGET = ExportOptions(contact="target")
 every_object = pytest.mark.parametrize("label", list(CATALOGUE))
 
 
 @every_object
 def test_a_mesh_is_closed_convex_and_faces_outwards(label: str) -> None:
     mesh = object_mesh(CATALOGUE[label])
-    edges = np.concatenate([mesh.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    directed = {tuple(edge) for edge in edges.tolist()}
-    assert len(directed) == len(edges)
-    assert directed == {(b, a) for a, b in directed}
-    assert len(mesh.vertices_m) - len(edges) // 2 + len(mesh.triangles) == 2
-    a, b, c = np.moveaxis(mesh.vertices_m[mesh.triangles], 1, 0)
-    normal = np.cross(b - a, c - a)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    assert (np.einsum("ij,ij->i", normal, a) > 0).all()
-    beyond = mesh.vertices_m @ normal.T - np.einsum("ij,ij->i", normal, a)
-    assert beyond.max() < 1e-12
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.is_convex
+    assert mesh.euler_number == 2
+    assert (np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles_center) > 0).all()
 
 
 @every_object
 def test_a_mesh_has_the_objects_extents_and_volume(label: str) -> None:
     obj, mesh = CATALOGUE[label], object_mesh(CATALOGUE[label])
-    np.testing.assert_allclose(np.ptp(mesh.vertices_m, axis=0), obj.extents_m, rtol=2e-3)
-    np.testing.assert_allclose(mesh.vertices_m.max(axis=0), -mesh.vertices_m.min(axis=0), atol=1e-15)
-    assert 0.99 * obj.volume_m3 < mesh.volume_m3 <= obj.volume_m3 * (1 + 1e-12)
+    np.testing.assert_allclose(mesh.extents, obj.extents_m, rtol=2e-3)
+    np.testing.assert_allclose(mesh.bounds.sum(axis=0), 0.0, atol=1e-15)
+    assert 0.99 * obj.shape.volume_m3 < mesh.volume <= obj.shape.volume_m3 * (1 + 1e-12)
 
 
-def test_the_volume_of_a_known_tetrahedron() -> None:
-    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    mesh = Mesh(corners + 5.0, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
-    assert mesh.volume_m3 == pytest.approx(1 / 6)
+@every_object
+def test_a_meshs_vertices_lie_on_the_surface(label: str) -> None:
+    obj, mesh = CATALOGUE[label], object_mesh(CATALOGUE[label])
+    half = np.array(obj.extents_m) / 2
+    unit = np.abs(mesh.vertices) / half
+    if obj.shape.kind == "sphere":
+        distance = np.linalg.norm(unit, axis=1)
+    elif obj.shape.kind == "cylinder":
+        distance = np.maximum(np.hypot(unit[:, 0], unit[:, 1]), unit[:, 2])
+    else:
+        distance = unit.max(axis=1)
+    np.testing.assert_allclose(distance, 1.0, atol=1e-9)
 
 
 @every_object
@@ -52,17 +55,17 @@ def test_an_obj_file_holds_the_mesh_to_the_last_bit(label: str, tmp_path: Path) 
     lines = [line.split() for line in (tmp_path / "m.obj").read_text().splitlines()]
     vertices = np.array([[float(v) for v in line[1:]] for line in lines if line[0] == "v"])
     triangles = np.array([[int(v) - 1 for v in line[1:]] for line in lines if line[0] == "f"])
-    np.testing.assert_array_equal(vertices, mesh.vertices_m)
-    np.testing.assert_array_equal(triangles, mesh.triangles)
+    np.testing.assert_array_equal(vertices, mesh.vertices)
+    np.testing.assert_array_equal(triangles, mesh.faces)
 
 
 def test_dexgraspbench_objects_weigh_what_the_benchmark_asks_for(drawn: Grasps, tmp_path: Path) -> None:
-    save_grasps(tmp_path / "bench", drawn, metadata={}, format="dexgraspbench")
+    save_grasps(tmp_path / "bench", drawn, metadata={}, format="dexgraspbench", options=TARGET)
     assert {p.name for p in (tmp_path / "bench" / "objects").iterdir()} == set(CATALOGUE)
     for label, obj in CATALOGUE.items():
         folder = tmp_path / "bench" / "objects" / label
         info = json.loads((folder / "info" / "simplified.json").read_text())
-        assert info == {"mass": pytest.approx(obj.volume_m3, rel=0.01), "density": 1.0, "scale": 1.0}
+        assert info == {"mass": pytest.approx(obj.shape.volume_m3, rel=0.01), "density": 1.0, "scale": 1.0}
         (piece,) = (folder / "urdf" / "meshes").iterdir()
         spec = mujoco.MjSpec()
         spec.add_mesh(name="piece", file=str(piece))
@@ -76,7 +79,7 @@ def test_dexgraspbench_objects_weigh_what_the_benchmark_asks_for(drawn: Grasps, 
 
 
 def test_dexgraspnet_objects_are_beside_their_grasps(drawn: Grasps, tmp_path: Path) -> None:
-    save_grasps(tmp_path / "net", drawn, metadata={}, format="dexgraspnet")
+    save_grasps(tmp_path / "net", drawn, metadata={}, format="dexgraspnet", options=TARGET)
     for label in CATALOGUE:
         assert (tmp_path / "net" / "dataset" / f"{label}.npy").is_file()
         model = mujoco.MjModel.from_xml_path(str(tmp_path / "net" / "meshdata" / label / "coacd" / "coacd.urdf"))

@@ -4,9 +4,10 @@ import csv
 import json
 import os
 import re
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -15,14 +16,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from graspcascade.errors import InputError
-from graspcascade.hands import SHADOW_HAND, HandModel, Kinematics, load_hand, load_spec, shadow_hand
+from graspcascade.core.errors import FileFormatError, InputError
+from graspcascade.core.poses import canonical_quat, quat_conjugate, quat_multiply, quat_to_matrix, rotate
+from graspcascade.core.taxonomy import DIGITS, GRASP_TYPES
+from graspcascade.hands import Hand, Kinematics, load_hand, read_spec
 from graspcascade.hands.kinematics import Link
-from graspcascade.poses import quat_to_matrix
-from graspcascade.taxonomy import DIGITS, GRASP_TYPES
+from graspcascade.proposals.cascade.sampler import GraspSampler
+from hand_files import SHADOW_FILE, SHADOW_MJCF, actuator_line, edited, shadow_entries, write_hand
 
 DATA = Path(__file__).parent / "data"
-JOINTS = SHADOW_HAND.joint_names
+HAND = load_hand("shadow")
+JOINTS = HAND.joint_names
 LINKS = tuple(f"{f}{part}" for f in ("ff", "mf", "rf", "lf") for part in ("knuckle", "proximal", "middle", "distal"))
 LINKS += ("lfmetacarpal", "thbase", "thproximal", "thhub", "thmiddle", "thdistal")
 postures = hnp.arrays(float, (len(JOINTS),), elements=st.floats(-2.0, 2.0))
@@ -49,25 +53,25 @@ def reference_posture(reference: dict[str, np.ndarray]) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def model() -> Any:
-    return load_spec(SHADOW_HAND).compile()
+    return read_spec(HAND).compile()
 
 
 def engine_frames(model: Any, angles: dict[str, np.ndarray], prefix: str = "") -> dict[str, tuple[np.ndarray, ...]]:
     """Compute link frames in the palm frame with the physics engine."""
     data = mujoco.MjData(model)
     n = len(next(iter(angles.values())))
-    found = {name: (np.zeros((n, 3, 3)), np.zeros((n, 3))) for name in LINKS}
+    frames = {name: (np.zeros((n, 3, 3)), np.zeros((n, 3))) for name in LINKS}
     for row in range(n):
         for name, values in angles.items():
             data.joint(prefix + name).qpos[0] = values[row]
         mujoco.mj_kinematics(model, data)
         palm = data.body(prefix + "palm")
         turn, origin = palm.xmat.reshape(3, 3), palm.xpos
-        for name, (rotation, position) in found.items():
+        for name, (rotation, position) in frames.items():
             body = data.body(prefix + name)
             rotation[row] = turn.T @ body.xmat.reshape(3, 3)
             position[row] = turn.T @ (body.xpos - origin)
-    return found
+    return frames
 
 
 def assert_matches_reference(frames: dict[str, tuple[np.ndarray, ...]], reference: dict[str, np.ndarray]) -> None:
@@ -87,7 +91,7 @@ def assert_matches_reference(frames: dict[str, tuple[np.ndarray, ...]], referenc
 
 
 def test_numpy_kinematics_match_the_reference_hand_on_every_row(
-    hand: HandModel, reference: dict[str, np.ndarray], reference_posture: np.ndarray
+    hand: Hand, reference: dict[str, np.ndarray], reference_posture: np.ndarray
 ) -> None:
     assert len(reference_posture) == 200
     assert_matches_reference(hand.frames(reference_posture), reference)
@@ -102,7 +106,7 @@ def test_the_engine_matches_the_reference_hand_on_every_row_whatever_the_wrist_d
     assert_matches_reference(engine_frames(model, angles), reference)
 
 
-def test_numpy_kinematics_equal_the_engine(hand: HandModel, model: Any, reference_posture: np.ndarray) -> None:
+def test_numpy_kinematics_equal_the_engine(hand: Hand, model: Any, reference_posture: np.ndarray) -> None:
     theirs = engine_frames(model, dict(zip(JOINTS, reference_posture.T, strict=True)))
     ours = hand.frames(reference_posture)
     for link in LINKS:
@@ -112,16 +116,15 @@ def test_numpy_kinematics_equal_the_engine(hand: HandModel, model: Any, referenc
 
 @given(posture=postures)
 def test_frames_are_rigid_and_a_batch_equals_its_rows(posture: np.ndarray) -> None:
-    hand = shadow_hand()
-    both = hand.frames(np.stack([posture, 0 * posture]))
-    for link, (rotation, origin) in hand.frames(posture).items():
+    both = HAND.frames(np.stack([posture, 0 * posture]))
+    for link, (rotation, origin) in HAND.frames(posture).items():
         np.testing.assert_allclose(rotation[0] @ rotation[0].T, np.eye(3), atol=1e-12)
         assert np.linalg.det(rotation[0]) == pytest.approx(1)
         np.testing.assert_array_equal(both[link][0][0], rotation[0])
         np.testing.assert_array_equal(both[link][1][0], origin[0])
 
 
-def test_frames_of_some_bodies_equal_those_of_all(hand: HandModel, reference_posture: np.ndarray) -> None:
+def test_frames_of_some_bodies_equal_those_of_all(hand: Hand, reference_posture: np.ndarray) -> None:
     everything = hand.frames(reference_posture[:3])
     some = hand.frames(reference_posture[:3], ["thdistal"])
     assert set(some) == {"palm", "thbase", "thproximal", "thhub", "thmiddle", "thdistal"}
@@ -130,7 +133,7 @@ def test_frames_of_some_bodies_equal_those_of_all(hand: HandModel, reference_pos
         np.testing.assert_array_equal(origin, everything[name][1])
 
 
-def test_kinematics_survive_json(hand: HandModel, reference_posture: np.ndarray) -> None:
+def test_kinematics_survive_json(hand: Hand, reference_posture: np.ndarray) -> None:
     text = json.dumps(hand.kinematics.to_json(), allow_nan=False)
     again = Kinematics.from_json(json.loads(text))
     assert again == hand.kinematics
@@ -140,12 +143,12 @@ def test_kinematics_survive_json(hand: HandModel, reference_posture: np.ndarray)
         np.testing.assert_array_equal(origin, hand.frames(reference_posture)[name][1])
 
 
-def test_the_forearm_is_a_wrist_below_the_palm(hand: HandModel) -> None:
-    np.testing.assert_allclose(hand.X_forearm_hand.position_m, [0.0, -0.01, 0.24701], atol=1e-9)
-    np.testing.assert_allclose(hand.X_forearm_hand.quat_wxyz, [1, 0, 0, 0], atol=1e-12)
+def test_the_forearm_is_a_wrist_below_the_palm(hand: Hand) -> None:
+    np.testing.assert_allclose(hand.X_base_hand.position_m, [0.0, -0.01, 0.24701], atol=1e-9)
+    np.testing.assert_allclose(hand.X_base_hand.quat_wxyz, [1, 0, 0, 0], atol=1e-12)
 
 
-def test_a_posture_of_another_width_is_refused(hand: HandModel) -> None:
+def test_a_posture_of_another_width_is_refused(hand: Hand) -> None:
     with pytest.raises(InputError, match="22 joints, got 24"):
         hand.frames(np.zeros((1, 24)))
 
@@ -172,22 +175,24 @@ def test_joint_and_actuator_follow_the_reference_table(model: Any, row: dict[str
     np.testing.assert_allclose(sum_limits, [2 * limit for limit in limits] if coupled else limits, atol=1e-9)
 
 
-def test_twenty_four_joints_hang_on_twenty_actuators(model: Any, hand: HandModel) -> None:
+def test_twenty_four_joints_hang_on_twenty_actuators(model: Any, hand: Hand) -> None:
     rows = read_rows("shadow_hand_joints.csv")
     assert model.nq == model.nv == len(rows) == 24
     assert model.nu == len({row["actuator"] for row in rows}) == 20
-    assert {row["joint"] for row in rows} == {*JOINTS, *SHADOW_HAND.wrist_joints}
-    for actuator, pair in SHADOW_HAND.coupled.items():
-        assert pair == tuple(row["joint"] for row in rows if row["actuator"] == actuator)
+    assert {row["joint"] for row in rows} == {*JOINTS, *HAND.wrist_joints}
+    for coupling in HAND.couplings:
+        assert coupling.kind == "tendon"
+        assert coupling.coefficients == (1.0, 1.0)
+        assert coupling.joints == tuple(row["joint"] for row in rows if row["actuator"] == coupling.name)
 
 
-def test_limits_are_the_reference_limits_in_joint_order(hand: HandModel) -> None:
+def test_limits_are_the_reference_limits_in_joint_order(hand: Hand) -> None:
     table = {row["joint"]: row for row in read_rows("shadow_hand_joints.csv")}
     np.testing.assert_allclose(np.degrees(hand.lower_rad), [float(table[n]["lower_deg"]) for n in JOINTS], atol=1e-9)
     np.testing.assert_allclose(np.degrees(hand.upper_rad), [float(table[n]["upper_deg"]) for n in JOINTS], atol=1e-9)
 
 
-def test_the_pregrasp_is_flat_open_with_the_thumb_out_of_the_way(hand: HandModel) -> None:
+def test_the_pregrasp_is_flat_open_with_the_thumb_out_of_the_way(hand: Hand) -> None:
     opened = dict(zip(JOINTS, hand.pregrasp, strict=True))
     assert {name for name, angle in opened.items() if angle} == {"THJ4"}
     np.testing.assert_array_equal(hand.clip(hand.pregrasp), hand.pregrasp)
@@ -199,8 +204,8 @@ def test_the_pregrasp_is_flat_open_with_the_thumb_out_of_the_way(hand: HandModel
 
 @given(posture=postures)
 def test_sharing_keeps_each_tendons_sum_and_every_other_joint(posture: np.ndarray) -> None:
-    shared = shadow_hand().share(posture)
-    pairs = [[JOINTS.index(name) for name in pair] for pair in SHADOW_HAND.coupled.values()]
+    shared = HAND.share(posture)
+    pairs = [[JOINTS.index(name) for name in pair] for pair in (coupling.joints for coupling in HAND.couplings)]
     for pair in pairs:
         assert shared[pair].sum() == pytest.approx(posture[pair].sum(), abs=1e-12)
         assert shared[pair[0]] == shared[pair[1]]
@@ -210,17 +215,16 @@ def test_sharing_keeps_each_tendons_sum_and_every_other_joint(posture: np.ndarra
 
 @given(posture=postures)
 def test_an_executed_posture_is_within_limits_and_executes_as_itself(posture: np.ndarray) -> None:
-    hand = shadow_hand()
-    executed = hand.executed(posture)
-    assert (hand.lower_rad <= executed).all()
-    assert (executed <= hand.upper_rad).all()
-    np.testing.assert_array_equal(hand.executed(executed), executed)
+    executed = HAND.executed(posture)
+    assert (HAND.lower_rad <= executed).all()
+    assert (executed <= HAND.upper_rad).all()
+    np.testing.assert_array_equal(HAND.executed(executed), executed)
 
 
 @given(posture=postures)
 def test_executing_leaves_its_argument_alone(posture: np.ndarray) -> None:
     before = posture.copy()
-    shadow_hand().executed(posture)
+    HAND.executed(posture)
     np.testing.assert_array_equal(posture, before)
 
 
@@ -245,9 +249,9 @@ def signed_distance(model: Any, body: str, point: np.ndarray) -> float:
     return nearest
 
 
-@pytest.mark.parametrize("name", SHADOW_HAND.places)
+@pytest.mark.parametrize("name", HAND.places)
 def test_contact_places_lie_on_the_surface_with_outward_unit_normals(model: Any, name: str) -> None:
-    place = SHADOW_HAND.places[name]
+    place = HAND.places[name]
     point, normal = np.array(place.point_m), np.array(place.normal)
     assert np.linalg.norm(normal) == pytest.approx(1, abs=1e-4)
     assert abs(signed_distance(model, place.body, point)) < 0.001
@@ -258,20 +262,21 @@ def test_contact_places_lie_on_the_surface_with_outward_unit_normals(model: Any,
 
 @pytest.mark.parametrize("digit", DIGITS)
 def test_grasp_size_is_measured_between_points_inside_the_rounded_tips(model: Any, digit: str) -> None:
-    body, point = SHADOW_HAND.tips[digit]
-    assert body == SHADOW_HAND.places[f"{digit}_pad"].body
+    body, point = HAND.digits[digit].tip_body, HAND.digits[digit].tip_m
+    assert body == HAND.places[f"{digit}_pad"].body
     assert -0.012 < signed_distance(model, body, np.array(point)) < 0
 
 
 def test_every_contact_place_a_type_speaks_of_exists() -> None:
     for kind in GRASP_TYPES.values():
-        assert {*kind.opposition, *kind.support} <= set(SHADOW_HAND.places)
-    assert set(SHADOW_HAND.digit_roots) == set(SHADOW_HAND.tips) == set(DIGITS)
+        assert {*kind.opposition, *kind.support} <= set(HAND.places)
+    assert tuple(HAND.digits) == DIGITS
+    assert HAND.grasp_types == tuple(GRASP_TYPES.values())
 
 
-def test_pads_of_the_straight_hand_face_the_palms_side(hand: HandModel) -> None:
+def test_pads_of_the_straight_hand_face_the_palms_side(hand: Hand) -> None:
     names = ["index_pad", "middle_pad", "ring_pad", "little_pad"]
-    for places in hand.places(np.zeros(len(JOINTS)), names).values():
+    for places in hand.place_points(np.zeros(len(JOINTS)), names).values():
         assert places.normal[0, 1] < -0.9
         np.testing.assert_allclose(np.linalg.norm(places.normal, axis=1), 1, atol=1e-4)
 
@@ -279,115 +284,398 @@ def test_pads_of_the_straight_hand_face_the_palms_side(hand: HandModel) -> None:
 @settings(max_examples=20)
 @given(posture=postures)
 def test_places_and_tips_ride_on_their_bodies(posture: np.ndarray) -> None:
-    hand = shadow_hand()
-    frames = hand.frames(posture)
-    for name, places in hand.places(posture, list(SHADOW_HAND.places)).items():
-        place = SHADOW_HAND.places[name]
+    frames = HAND.frames(posture)
+    for name, places in HAND.place_points(posture, list(HAND.places)).items():
+        place = HAND.places[name]
         rotation, origin = (part[0] for part in frames[place.body])
         np.testing.assert_allclose(rotation.T @ (places.point_m[0] - origin), place.point_m, atol=1e-12)
         np.testing.assert_allclose(rotation.T @ places.normal[0], place.normal, atol=1e-12)
-    tips = hand.tips(posture, ["thumb", "index"])
-    assert hand.tip_distance(posture)[0] == pytest.approx(np.linalg.norm(tips["thumb"] - tips["index"]))
+    tips = HAND.tips(posture, ["thumb", "index"])
+    assert HAND.tip_distance(posture)[0] == pytest.approx(np.linalg.norm(tips["thumb"] - tips["index"]))
 
 
 @settings(max_examples=20)
 @given(posture=postures)
 def test_opposition_and_grasp_size_are_those_of_the_executed_posture(posture: np.ndarray) -> None:
-    hand = shadow_hand()
-    executed = hand.executed(posture)
-    assert hand.grasp_size(posture)[0] == hand.tip_distance(executed)[0]
+    executed = HAND.executed(posture)
+    assert HAND.grasp_size(posture)[0] == HAND.tip_distance(executed)[0]
     for kind in GRASP_TYPES.values():
-        thumb, other = hand.opposition(posture, kind)
-        places = hand.places(executed, list(kind.opposition))
+        thumb, other = HAND.opposition(posture, kind)
+        places = HAND.place_points(executed, list(kind.opposition))
         np.testing.assert_array_equal(thumb, places[kind.opposition[0]].point_m)
         np.testing.assert_array_equal(other, places[kind.opposition[1]].point_m)
 
 
-# Another model of the same hand
-
-_NAMING = re.compile(r'\b(name|joint|joint1|tendon|body1|body2)="([A-Za-z]\w*)"')
+# Hands by name and file
 
 
-@pytest.fixture
-def prefixed_mjcf(tmp_path: Path) -> Path:
-    text = SHADOW_HAND.mjcf.read_text()
-    path = tmp_path / "prefixed.xml"
-    path.write_text(_NAMING.sub(r'\1="rh_\2"', text))
-    return path
+def test_a_hand_is_read_by_its_short_name_its_full_name_its_file_or_itself(hand: Hand) -> None:
+    assert load_hand() is load_hand("shadow") is load_hand("shadow_hand_right") is load_hand(hand) is hand
+    for place in (SHADOW_FILE, str(SHADOW_FILE), SHADOW_FILE.parent):
+        assert load_hand(place) == hand
+        assert hash(load_hand(place)) == hash(hand)
+    assert repr(hand) == "<Hand shadow_hand_right: 22 joints, thumb index middle ring little>"
 
 
-def test_the_same_hand_under_prefixed_names_has_the_same_kinematics(prefixed_mjcf: Path, hand: HandModel) -> None:
-    other = load_hand(SHADOW_HAND.with_model(prefixed_mjcf, "prefixed", "rh_"))
-    assert other.description.name == "prefixed"
-    assert other.joint_names == hand.joint_names
+def test_an_unknown_hand_is_refused_and_the_nearest_one_named() -> None:
+    with pytest.raises(InputError, match=r"unknown hand 'shadwo'\. Did you mean 'shadow'\? .* hand file"):
+        load_hand("shadwo")
+
+
+@pytest.mark.parametrize("name", ["right_hand.xml", "hand.urdf", "hand.MJCF"])
+def test_a_model_in_place_of_a_hand_file_is_answered_with_what_is_needed(tmp_path: Path, name: str) -> None:
+    for path in (tmp_path / name, SHADOW_MJCF):
+        with pytest.raises(InputError, match=r"is a model; give the hand file \(\.yaml\)"):
+            load_hand(path)
+
+
+def test_a_hand_file_that_is_absent_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no file"):
+        load_hand(tmp_path / "absent.yaml")
+
+
+def test_a_file_based_on_a_shipped_hand_changes_what_it_says_and_nothing_else(tmp_path: Path, hand: Hand) -> None:
+    other = load_hand(write_hand(tmp_path, name="short_reach", reach_m=0.05, pregrasp_rad={}))
+    assert (other.name, other.reach_m, other.pregrasp.any()) == ("short_reach", 0.05, False)
+    assert other.mjcf == hand.mjcf
     assert other.kinematics == hand.kinematics
-    np.testing.assert_array_equal(other.lower_rad, hand.lower_rad)
-    np.testing.assert_array_equal(other.upper_rad, hand.upper_rad)
-    np.testing.assert_array_equal(other.X_forearm_hand.position_m, hand.X_forearm_hand.position_m)
+    assert other.places == hand.places
+    assert other != hand
+
+
+def test_a_hand_file_needs_no_base(tmp_path: Path, hand: Hand) -> None:
+    path = tmp_path / "whole.yaml"
+    path.write_text(json.dumps(shadow_entries() | {"mjcf": str(SHADOW_MJCF)}))
+    assert load_hand(path).fingerprint() == hand.fingerprint()
+
+
+LEFT_OUT = object()
+TWO_ON_ONE_ROOT = shadow_entries()["digits"]
+TWO_ON_ONE_ROOT["ring"] = TWO_ON_ONE_ROOT["middle"]
+BELOW_ANOTHER = shadow_entries()["digits"]
+BELOW_ANOTHER["ring"] = {"root": "mfmiddle", "tip": BELOW_ANOTHER["middle"]["tip"]}
+TIP_ELSEWHERE = shadow_entries()["digits"]
+TIP_ELSEWHERE["ring"]["tip"]["body"] = "mfdistal"
+PLACES = shadow_entries()["places"]
+
+
+@pytest.mark.parametrize(
+    ("entries", "says"),
+    [
+        ({"digits": LEFT_OUT}, "missing required field `digits`"),
+        ({"name": LEFT_OUT}, "missing required field `name`"),
+        ({"finger_count": 5}, "unknown field `finger_count`"),
+        ({"frame": {"body": "palm", "quat": [1, 0, 0, 0]}}, "unknown field `quat`"),
+        ({"reach_m": "wide"}, r"Expected `float`, got `str` - at `\$.reach_m`"),
+        ({"joints": "FFJ4"}, "Expected `array`, got `str`"),
+        ({"frame": {"body": "palm", "quat_wxyz": [1, 0, 0]}}, r"at `\$.frame.quat_wxyz`"),
+        ({"base": "shadwo"}, "unknown base hand 'shadwo'. Did you mean 'shadow'"),
+        ({"base": ["shadow"]}, "unknown base hand"),
+        ({"digits": TWO_ON_ONE_ROOT}, "two digits have the same root mfknuckle"),
+        ({"digits": BELOW_ANOTHER}, "the ring hangs from the middle"),
+        ({"digits": TIP_ELSEWHERE}, "the tip of the ring is on mfdistal, which does not hang from its root rfknuckle"),
+        ({"digits": shadow_entries()["digits"] | {"pinky": {}}}, "missing required field `root`"),
+        (
+            {"digits": shadow_entries()["digits"] | {"litle": shadow_entries()["digits"]["little"]}},
+            "unknown digit 'litle'. Did you mean 'little'",
+        ),
+        ({"digits": {"index": shadow_entries()["digits"]["index"]}}, "need a thumb and at least one finger"),
+        ({"digits": {}}, "need a thumb and at least one finger"),
+        (
+            {"places": PLACES | {"thumb_pad": PLACES["thumb_pad"] | {"normal": [0, -2, 0]}}},
+            "the normal of thumb_pad has length 2; it must be 1",
+        ),
+        (
+            {"places": PLACES | {"thumb_pad": PLACES["thumb_pad"] | {"body": "forearm"}}},
+            "forearm does not hang from the palm body 'palm'",
+        ),
+        ({"places": PLACES | {"thumb_pad": PLACES["thumb_pad"] | {"body": "thumbtip"}}}, "lacks thumbtip"),
+        ({"pregrasp_rad": {"THJ9": 1.0}}, "pregrasp_rad names THJ9, which joints does not list"),
+        ({"reach_m": -0.065}, "reach_m must be 0.001 to 1 m, got -0.065"),
+        ({"reach_m": 65.0}, "reach_m must be 0.001 to 1 m, got 65"),
+        ({"joints": []}, "joints must name each joint once"),
+        ({"joints": [*shadow_entries()["joints"], "FFJ4"]}, "joints must name each joint once, got FFJ4"),
+        ({"joints": [*shadow_entries()["joints"], "WRJ1"]}, "got WRJ1"),
+        (
+            {"joints": [*shadow_entries()["joints"], "WRJ1"], "wrist_joints": ["WRJ2"]},
+            "WRJ1 moves no part below the palm",
+        ),
+        ({"joints": shadow_entries()["joints"][1:]}, "joints that neither joints nor wrist_joints lists: FFJ4, FFJ3"),
+        ({"wrist_joints": []}, "joints that neither joints nor wrist_joints lists: WRJ2, WRJ1"),
+        ({"couplings": {"FFJ0": ["FFJ2", "FFJ3"]}}, "coupling FFJ0 is of FFJ2, FFJ3 in the hand file; in the model it"),
+        ({"couplings": {"FFJ9": ["FFJ2", "FFJ1"]}}, "lacks FFJ9"),
+        ({"frame": {"body": "lfmetacarpal"}}, "does not hang from the palm body 'lfmetacarpal'"),
+        ({"frame": {"body": "palm", "quat_wxyz": [1, 1, 0, 0]}}, "must have norm 1"),
+        ({"mjcf": "absent.xml"}, "cannot read hand model"),
+    ],
+)
+def test_a_hand_file_that_cannot_be_is_refused_in_one_line_that_names_it(
+    tmp_path: Path, entries: dict, says: str
+) -> None:
+    path = tmp_path / "hand.yaml"
+    every = shadow_entries() | {"mjcf": str(SHADOW_MJCF)} | entries
+    path.write_text(json.dumps({name: entry for name, entry in every.items() if entry is not LEFT_OUT}))
+    with pytest.raises(InputError, match=says) as caught:
+        load_hand(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert len(message) < 500
+
+
+@pytest.mark.parametrize("text", ["", "- palm\n", "shadow\n", "name: &x a\nbase: *x\n", "name: [\n"])
+def test_what_is_no_mapping_of_entries_is_no_hand_file(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "hand.yaml"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=r"hand\.yaml: "):
+        load_hand(path)
+
+
+# Models that can be used, and others
 
 
 def test_a_model_without_the_described_parts_is_refused_by_their_names(tmp_path: Path) -> None:
-    path = tmp_path / "other.xml"
-    path.write_text(SHADOW_HAND.mjcf.read_text().replace("FFJ3", "KNUCKLE").replace("thhub", "ball"))
-    with pytest.raises(InputError, match=r"other\.xml lacks FFJ3") as caught:
-        load_hand(SHADOW_HAND.with_model(path, "other", ""))
-    assert "thhub" not in str(caught.value), "a body that the description does not speak of may have any name"
-    path.write_text(SHADOW_HAND.mjcf.read_text().replace('"thdistal"', '"tip"').replace('"lfmetacarpal"', '"meta"'))
+    without = edited(("FFJ3", "KNUCKLE"), ("thhub", "ball"))
+    with pytest.raises(InputError, match=r"model\.xml lacks FFJ3") as caught:
+        load_hand(write_hand(tmp_path, without))
+    assert "thhub" not in str(caught.value), "a body that the hand file does not speak of may have any name"
+    without = edited(('"thdistal"', '"tip"'), ('"lfmetacarpal"', '"meta"'))
     with pytest.raises(InputError, match=r"lacks lfmetacarpal, thdistal"):
-        load_hand(SHADOW_HAND.with_model(path, "other", ""))
+        load_hand(write_hand(tmp_path, without))
 
 
-def test_a_model_under_another_prefix_is_refused_with_the_prefix() -> None:
-    with pytest.raises(InputError, match=r"lacks .*FFJ4.*\(prefix 'rh_'\)"):
-        load_hand(replace(SHADOW_HAND, prefix="rh_"))
+TENDON = '<fixed name="FFJ0"><joint joint="FFJ2" coef="1"/><joint joint="FFJ1" coef="1"/></fixed>'
+INDEX_TIP = '<joint name="FFJ1" class="curl"/>'
+THUMB_TIP = '<joint name="THJ1" range="-0.2617993877991494 1.5707963267948966"/>'
+FLOOR = '<worldbody><geom name="floor" type="plane" size="1 1 0.1"/>'
+MUG = '<worldbody><body name="mug"><freejoint/><geom type="sphere" size="0.02"/></body>'
 
 
-def test_a_file_that_is_absent_or_no_model_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot read hand model"):
-        load_hand(SHADOW_HAND.with_model(tmp_path / "absent.xml", "absent", ""))
-    (tmp_path / "text.xml").write_text("not a model")
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ([(actuator_line("THJ1"), "")], "joints THJ1 have no actuator; add <position joint=... /> to the MJCF"),
+        (
+            [(actuator_line("THJ1"), '<motor name="THJ1" joint="THJ1" ctrlrange="-1 1"/>')],
+            "actuator THJ1 is no position servo",
+        ),
+        (
+            [(actuator_line("THJ1"), '<velocity name="THJ1" joint="THJ1" ctrlrange="-1 1"/>')],
+            "actuator THJ1 is no position servo",
+        ),
+        ([(TENDON, ""), (actuator_line("FFJ0"), "")], "lacks FFJ0"),
+        ([(actuator_line("FFJ0"), "")], "coupling FFJ0 is of FFJ2, FFJ1 in the hand file; in the model it has no act"),
+        (
+            [
+                (THUMB_TIP, '<joint name="THJ1"/>'),
+                (actuator_line("THJ1"), '<position name="THJ1" joint="THJ1" kp="1"/>'),
+            ],
+            "joint THJ1 has no range",
+        ),
+        ([('<joint name="FFJ3"', '<joint name="FFJ3" type="slide"')], "FFJ3 is not a hinge"),
+        ([('<joint name="FFJ3"', '<joint name="FFJ3" pos="0 0 0.01"')], "FFJ3 is not a hinge at the origin"),
+        ([("<worldbody>", FLOOR)], "model.xml is a scene: it also holds floor"),
+        ([("<worldbody>", MUG)], "model.xml is a scene: it also holds mug"),
+        ([('<body name="forearm">', '<body name="forearm"><freejoint/>')], "is a scene: it also holds a free joint"),
+        ([("<mujoco", "<mojuco"), ("</mujoco", "</mojuco")], "cannot read hand model"),
+        ([('<body name="ffknuckle"', '<body name="mfknuckle"')], "cannot .* hand model"),
+    ],
+)
+def test_a_model_that_trials_cannot_use_is_refused_with_what_to_do(
+    tmp_path: Path, changes: list[tuple[str, str]], says: str
+) -> None:
+    with pytest.raises(InputError, match=says) as caught:
+        load_hand(write_hand(tmp_path, edited(*changes)))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot read hand model") as caught:
-        load_hand(SHADOW_HAND.with_model(tmp_path / "text.xml", "text", ""))
+        load_hand(write_hand(tmp_path, "not a model"))
     assert "\n" not in str(caught.value)
 
 
 def test_a_model_whose_meshes_are_absent_is_refused(tmp_path: Path) -> None:
     mesh = '<asset><mesh name="m" file="absent.stl"/></asset><worldbody>'
-    text = SHADOW_HAND.mjcf.read_text().replace("<worldbody>", mesh)
-    text = text.replace('<body name="forearm">', '<body name="forearm"><geom type="mesh" mesh="m" class="look"/>')
-    path = tmp_path / "meshes.xml"
-    path.write_text(text)
-    with pytest.raises(InputError, match=r"hand model .*meshes\.xml"):
-        load_hand(SHADOW_HAND.with_model(path, "meshes", ""))
+    looks = '<body name="forearm"><geom type="mesh" mesh="m" class="look"/>'
+    with pytest.raises(InputError, match=r"hand model .*model\.xml"):
+        load_hand(write_hand(tmp_path, edited(("<worldbody>", mesh), ('<body name="forearm">', looks))))
 
 
-def test_a_sliding_finger_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "slide.xml"
-    path.write_text(SHADOW_HAND.mjcf.read_text().replace('<joint name="FFJ3"', '<joint name="FFJ3" type="slide"'))
-    with pytest.raises(InputError, match="FFJ3 is not a hinge"):
-        load_hand(SHADOW_HAND.with_model(path, "slide", ""))
+_NAMING = re.compile(r'\b(name|joint|joint1|tendon|body1|body2)="([A-Za-z]\w*)"')
+
+
+def test_the_same_hand_under_prefixed_names_has_the_same_kinematics(tmp_path: Path, hand: Hand) -> None:
+    prefixed = _NAMING.sub(r'\1="rh_\2"', SHADOW_MJCF.read_text())
+    other = load_hand(write_hand(tmp_path, prefixed, name="prefixed", prefix="rh_"))
+    assert other.name == "prefixed"
+    assert other.joint_names == hand.joint_names
+    assert other.kinematics == hand.kinematics
+    assert [actuator.name for actuator in other.actuators] == [actuator.name for actuator in hand.actuators]
+    np.testing.assert_array_equal(other.lower_rad, hand.lower_rad)
+    np.testing.assert_array_equal(other.upper_rad, hand.upper_rad)
+    np.testing.assert_array_equal(other.X_base_hand.position_m, hand.X_base_hand.position_m)
+    flat = dict.fromkeys(hand.joint_names, np.zeros(1))
+    assert set(other.controls(flat)) == {f"rh_{name}" for name in hand.controls(flat)}
+    with pytest.raises(InputError, match=r"lacks .*FFJ4.*\(prefix 'lh_'\)"):
+        load_hand(write_hand(tmp_path, prefixed, prefix="lh_"))
+
+
+def test_an_actuator_without_a_range_takes_any_target(tmp_path: Path) -> None:
+    line = actuator_line("FFJ3")
+    assert 'inheritrange="1"' in line
+    free = load_hand(write_hand(tmp_path, edited((line, line.replace('inheritrange="1"', "")))))
+    targets = dict.fromkeys(free.joint_names, np.array([0.7, -4.0, 4.0]))
+    assert free.controls(targets)["FFJ3"].tolist() == [0.7, -4.0, 4.0]
+    assert free.controls(targets)["MFJ3"].tolist() == pytest.approx([0.7, np.radians(-15), np.pi / 2])
+
+
+def test_commands_need_all_joints_of_the_hand(hand: Hand) -> None:
+    with pytest.raises(InputError, match="the grasps lack joints of shadow_hand_right: THJ1"):
+        hand.controls({name: np.zeros(2) for name in hand.joint_names if name != "THJ1"})
+
+
+# Which way the hand faces
+
+
+def mirrored(text: str) -> str:
+    """Mirror a model in the plane x = 0: a left hand."""
+    signs = {"pos": (-1, 1, 1), "fromto": (-1, 1, 1, -1, 1, 1), "quat": (1, 1, -1, -1), "axis": (1, -1, -1)}
+    tree = ElementTree.fromstring(text)
+    for element in tree.iter():
+        for name, sign in signs.items():
+            if name in element.attrib:
+                values = np.array(element.attrib[name].split(), dtype=float) * sign
+                element.set(name, " ".join(map(repr, values.tolist())))
+    return ElementTree.tostring(tree, encoding="unicode")
+
+
+def turned_palm(text: str, quat_wxyz: np.ndarray) -> str:
+    """Turn the frame of the palm body and leave the hand as it is."""
+    tree = ElementTree.fromstring(text)
+    palm = next(body for body in tree.iter("body") if body.get("name") == "palm")
+    back = quat_conjugate(quat_wxyz)
+    for child in palm:
+        for name in {"pos", "fromto", "axis"} & set(child.attrib):
+            vectors = rotate(back, np.array(child.attrib[name].split(), dtype=float).reshape(-1, 3))
+            child.set(name, " ".join(map(repr, vectors.reshape(-1).tolist())))
+        if child.tag in ("body", "inertial") or child.get("type") == "box":
+            own = np.array(child.get("quat", "1 0 0 0").split(), dtype=float)
+            child.set("quat", " ".join(map(repr, quat_multiply(back, own).tolist())))
+    palm.set("quat", " ".join(map(repr, quat_wxyz.tolist())))
+    return ElementTree.tostring(tree, encoding="unicode")
+
+
+def test_a_left_hand_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the thumb is on the -x side of the hand frame: this is a left hand"):
+        load_hand(write_hand(tmp_path, mirrored(SHADOW_MJCF.read_text())))
+
+
+def test_a_palm_frame_that_points_elsewhere_is_refused_until_the_hand_frame_is_given(
+    tmp_path: Path, hand: Hand, reference_posture: np.ndarray
+) -> None:
+    turn = canonical_quat([1.0, 1.0, 0.0, 0.0])
+    text = turned_palm(SHADOW_MJCF.read_text(), turn)
+    with pytest.raises(InputError, match=r"point along \[.*1.0, .*\] of the hand frame, not along z; give frame"):
+        load_hand(write_hand(tmp_path, text))
+    frame = {"body": "palm", "quat_wxyz": quat_conjugate(turn).tolist()}
+    other = load_hand(write_hand(tmp_path, text, frame=frame))
+    theirs, ours = other.frames(reference_posture), hand.frames(reference_posture)
+    for link in LINKS:
+        for mine, other_part in zip(ours[link], theirs[link], strict=True):
+            np.testing.assert_allclose(other_part, mine, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(other.X_base_hand.position_m, hand.X_base_hand.position_m, atol=1e-9)
+    np.testing.assert_allclose(other.X_base_hand.quat_wxyz, hand.X_base_hand.quat_wxyz, atol=1e-9)
+    places = other.place_points(reference_posture, list(hand.places))
+    for name, points in hand.place_points(reference_posture, list(hand.places)).items():
+        np.testing.assert_allclose(places[name].point_m, points.point_m, rtol=0, atol=1e-9)
+
+
+def test_a_hand_frame_whose_palm_faces_the_wrong_way_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"the fingers' pads face .* of the hand frame, not -y"):
+        load_hand(write_hand(tmp_path, frame={"body": "palm", "quat_wxyz": [0, 0, 0, 1]}))
+
+
+# Joints that are not free of each other
+
+FOLLOWING = (
+    "</tendon>",
+    '</tendon><equality><joint name="bend" joint1="FFJ1" joint2="FFJ2" polycoef="0.1 0.5 0.2 0 0"/></equality>',
+)
+FOLLOWED_ALONE = [
+    (TENDON, ""),
+    (actuator_line("FFJ0"), '<position name="FFJ2" joint="FFJ2" kp="1" inheritrange="1"/>'),
+    FOLLOWING,
+]
+COUPLINGS = {name: pair for name, pair in shadow_entries()["couplings"].items() if name != "FFJ0"}
+
+
+def test_a_joint_tied_to_another_follows_it(tmp_path: Path) -> None:
+    tied = load_hand(
+        write_hand(tmp_path, edited(*FOLLOWED_ALONE), name="tied", couplings=COUPLINGS | {"bend": ["FFJ1", "FFJ2"]})
+    )
+    follower, leader = tied.joint_names.index("FFJ1"), tied.joint_names.index("FFJ2")
+    angles = np.zeros((3, 22))
+    angles[:, leader], angles[:, follower] = [0.0, 0.5, 1.0], 0.7
+    executed = tied.executed(angles)
+    np.testing.assert_allclose(executed[:, leader], angles[:, leader])
+    np.testing.assert_allclose(executed[:, follower], [0.1, 0.1 + 0.25 + 0.05, 0.1 + 0.5 + 0.2])
+    np.testing.assert_allclose(tied.executed(executed), executed)
+    controls = tied.controls(dict(zip(tied.joint_names, executed.T, strict=True)))
+    assert controls["FFJ2"].tolist() == [0.0, 0.5, 1.0]
+    assert "FFJ1" not in controls
+
+
+def test_a_tie_of_joints_needs_no_name_and_is_taken_from_the_model(tmp_path: Path) -> None:
+    unnamed = [*FOLLOWED_ALONE[:2], (FOLLOWING[0], FOLLOWING[1].replace('name="bend" ', ""))]
+    tied = load_hand(write_hand(tmp_path, edited(*unnamed), couplings=COUPLINGS))
+    assert ("equality", ("FFJ1", "FFJ2")) in [(coupling.kind, coupling.joints) for coupling in tied.couplings]
+
+
+def test_a_joint_that_follows_a_follower_is_refused(tmp_path: Path) -> None:
+    chained = FOLLOWING[1].replace(
+        "</equality>", '<joint name="bend_more" joint1="FFJ3" joint2="FFJ1" polycoef="0 1 0 0 0"/></equality>'
+    )
+    text = edited(*FOLLOWED_ALONE[:2], (FOLLOWING[0], chained))
+    with pytest.raises(InputError, match="joint FFJ1 follows another and is followed; tie both to the driven joint"):
+        load_hand(write_hand(tmp_path, text, couplings=COUPLINGS))
+
+
+def test_joints_of_a_tendon_share_its_sum_in_proportion_to_their_weights(tmp_path: Path) -> None:
+    weighted = load_hand(write_hand(tmp_path, edited(('"FFJ1" coef="1"', '"FFJ1" coef="0.5"'))))
+    inner, outer = (weighted.joint_names.index(name) for name in ("FFJ2", "FFJ1"))
+    angles = np.zeros((2, 22))
+    angles[:, inner], angles[:, outer] = [0.5, 1.0], [0.5, 0.2]
+    total = angles[:, inner] + 0.5 * angles[:, outer]
+    executed = weighted.executed(angles)
+    np.testing.assert_allclose(executed[:, inner] + 0.5 * executed[:, outer], total)
+    np.testing.assert_allclose(executed[:, outer], 0.5 * executed[:, inner])
+    for posture in (angles, executed):
+        controls = weighted.controls(dict(zip(weighted.joint_names, posture.T, strict=True)))
+        np.testing.assert_allclose(controls["FFJ0"], total)
 
 
 # The mesh model of the same hand, where the user has it
 
 
 @pytest.fixture(scope="module")
-def mesh_hand() -> HandModel:
+def mesh_hand(tmp_path_factory: pytest.TempPathFactory) -> Hand:
     assert MESH_HAND is not None
-    return load_hand(SHADOW_HAND.with_model(MESH_HAND, "meshes", os.environ.get("GRASPCASCADE_MESH_PREFIX", "rh_")))
+    prefix = os.environ.get("GRASPCASCADE_MESH_PREFIX", "rh_")
+    return load_hand(write_hand(tmp_path_factory.mktemp("meshes"), name="meshes", mjcf=MESH_HAND, prefix=prefix))
 
 
 def mesh_triangles(model: Any, body: str) -> np.ndarray:
-    """Give the triangles ``(n, 3, 3)`` of a body's meshes in the body's frame."""
-    found = []
+    """List the triangles ``(n, 3, 3)`` of a body's meshes in the body's frame."""
+    triangles = []
     for geom in range(model.ngeom):
         if model.body(model.geom_bodyid[geom]).name != body or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
             continue
         mesh = model.geom_dataid[geom]
         vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
         faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
-        found.append((vertices @ quat_to_matrix(model.geom_quat[geom]).T + model.geom_pos[geom])[faces])
-    return np.concatenate(found)
+        triangles.append((vertices @ quat_to_matrix(model.geom_quat[geom]).T + model.geom_pos[geom])[faces])
+    return np.concatenate(triangles)
 
 
 def distance_to_triangles(point: np.ndarray, triangles: np.ndarray) -> float:
@@ -400,26 +688,26 @@ def distance_to_triangles(point: np.ndarray, triangles: np.ndarray) -> float:
 
 
 @with_mesh_hand
-def test_the_mesh_hand_has_the_same_kinematics(mesh_hand: HandModel, reference: dict[str, np.ndarray]) -> None:
+def test_the_mesh_hand_has_the_same_kinematics(mesh_hand: Hand, reference: dict[str, np.ndarray]) -> None:
     posture = np.stack([reference[f"{name}_rad"] for name in JOINTS], axis=1)
     assert_matches_reference(mesh_hand.frames(posture), reference)
 
 
 @with_mesh_hand
-@pytest.mark.parametrize("name", SHADOW_HAND.places)
-def test_contact_places_lie_on_the_meshes(mesh_hand: HandModel, name: str) -> None:
-    place = SHADOW_HAND.places[name]
-    meshes = load_spec(mesh_hand.description).compile()
-    triangles = mesh_triangles(meshes, mesh_hand.description.prefix + place.body)
+@pytest.mark.parametrize("name", HAND.places)
+def test_contact_places_lie_on_the_meshes(mesh_hand: Hand, name: str) -> None:
+    place = HAND.places[name]
+    meshes = read_spec(mesh_hand).compile()
+    triangles = mesh_triangles(meshes, mesh_hand.prefix + place.body)
     assert distance_to_triangles(np.array(place.point_m), triangles) < 0.001
 
 
 @with_mesh_hand
 @pytest.mark.parametrize("digit", DIGITS)
-def test_rounded_tips_end_where_the_meshes_end(mesh_hand: HandModel, model: Any, digit: str) -> None:
-    body, centre = SHADOW_HAND.tips[digit]
-    meshes = load_spec(mesh_hand.description).compile()
-    triangles = mesh_triangles(meshes, mesh_hand.description.prefix + body)
+def test_rounded_tips_end_where_the_meshes_end(mesh_hand: Hand, model: Any, digit: str) -> None:
+    body, centre = HAND.digits[digit].tip_body, HAND.digits[digit].tip_m
+    meshes = read_spec(mesh_hand).compile()
+    triangles = mesh_triangles(meshes, mesh_hand.prefix + body)
     for tilt in np.radians([0, 20, 40]):
         outward = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
         reach = np.linspace(0, 0.02, 2001)
@@ -428,9 +716,7 @@ def test_rounded_tips_end_where_the_meshes_end(mesh_hand: HandModel, model: Any,
         assert distance_to_triangles(surface, triangles) < 0.001, np.degrees(tilt)
 
 
-def test_a_closure_is_the_opposition_and_the_grasp_size_of_each_row(
-    hand: HandModel, reference_posture: np.ndarray
-) -> None:
+def test_a_closure_is_the_opposition_and_the_grasp_size_of_each_row(hand: Hand, reference_posture: np.ndarray) -> None:
     executed, kinds = hand.executed(reference_posture), list(GRASP_TYPES.values())
     of_row = np.arange(len(executed)) % len(kinds)
     closure = hand.closure(executed, kinds, of_row)
@@ -447,20 +733,67 @@ def test_a_hinge_about_a_slanted_axis_turns_as_rodrigues_says() -> None:
     slanted = Link("link", "root", (0.1, 0.0, 0.2), tuple(map(tuple, np.eye(3)[[1, 2, 0]])), "hinge", tuple(axis))
     tree = Kinematics((Link("root", None, (0.0, 0.0, 0.0), tuple(map(tuple, np.eye(3)))), slanted))
     angles = np.array([-2.0, 0.0, 0.7])
-    found, origin = tree.frames({"hinge": angles})["link"]
+    turned, origin = tree.frames({"hinge": angles})["link"]
     expected = np.eye(3)[[1, 2, 0]] @ quat_to_matrix(
         np.concatenate([np.cos(angles / 2)[:, None], np.sin(angles / 2)[:, None] * axis], axis=1)
     )
-    np.testing.assert_allclose(found, expected, atol=1e-15)
+    np.testing.assert_allclose(turned, expected, atol=1e-15)
     np.testing.assert_array_equal(origin, np.tile([0.1, 0.0, 0.2], (3, 1)))
     point = tree.points({"hinge": angles}, {"tip": ("link", (0.0, 0.3, -0.1))})["tip"]
     np.testing.assert_allclose(point, origin + expected @ [0.0, 0.3, -0.1], atol=1e-15)
 
 
-def test_a_fingerprint_names_what_a_hand_is_and_not_where_it_lies(tmp_path: Path) -> None:
-    copy = tmp_path / "copy.xml"
-    copy.write_bytes(SHADOW_HAND.mjcf.read_bytes())
-    assert replace(SHADOW_HAND, mjcf=copy).fingerprint() == SHADOW_HAND.fingerprint()
-    assert replace(SHADOW_HAND, pregrasp_rad={}).fingerprint() != SHADOW_HAND.fingerprint()
-    copy.write_bytes(copy.read_bytes() + b"<!-- heavier -->")
-    assert replace(SHADOW_HAND, mjcf=copy).fingerprint() != SHADOW_HAND.fingerprint()
+def test_a_fingerprint_names_what_a_hand_is_and_not_where_it_lies(tmp_path: Path, hand: Hand) -> None:
+    text = SHADOW_MJCF.read_text()
+    assert load_hand(write_hand(tmp_path, text)).fingerprint() == hand.fingerprint()
+    assert load_hand(write_hand(tmp_path, text, pregrasp_rad={})).fingerprint() != hand.fingerprint()
+    assert load_hand(write_hand(tmp_path, text + "<!-- heavier -->")).fingerprint() != hand.fingerprint()
+
+
+# The hand that comes with a trained model
+
+
+def test_a_hand_without_a_model_says_so_in_one_line(hand: Hand) -> None:
+    bare = GraspSampler.pretrained().hand
+    assert (bare.name, bare.joint_names) == (hand.name, hand.joint_names)
+    refused = {
+        "no files to compute a fingerprint of": bare.fingerprint,
+        "names no actuators": lambda: bare.controls(dict.fromkeys(bare.joint_names, np.zeros(1))),
+        "has no MJCF": lambda: read_spec(bare),
+    }
+    for says, ask in refused.items():
+        with pytest.raises(InputError, match=says) as caught:
+            ask()
+        assert "load it from its hand file" in str(caught.value)
+
+
+def test_a_hand_survives_json_but_for_its_model(hand: Hand, reference_posture: np.ndarray) -> None:
+    again = Hand.from_json(json.loads(json.dumps(hand.to_json(), allow_nan=False)))
+    assert again.digits == hand.digits
+    assert again.couplings == hand.couplings
+    assert again.places == hand.places
+    np.testing.assert_array_equal(again.executed(reference_posture), hand.executed(reference_posture))
+    np.testing.assert_array_equal(again.grasp_size(reference_posture), hand.grasp_size(reference_posture))
+
+
+@pytest.mark.parametrize("change", [{"kinematics": 3}, {"lower_rad": "low"}, {"X_forearm_hand": []}, {"places": None}])
+def test_garbled_geometry_is_refused(hand: Hand, change: dict) -> None:
+    with pytest.raises(FileFormatError, match="stored hand geometry"):
+        Hand.from_json(hand.to_json() | change)
+
+
+def test_a_hand_names_the_types_it_can_make_and_refuses_others(cut_hands: Mapping[int, Hand]) -> None:
+    assert [kind.name for kind in cut_hands[2].grasp_types] == ["palmar_pinch", "tip_pinch"]
+    for n in (3, 4):
+        assert cut_hands[n].grasp_types == tuple(GRASP_TYPES.values())
+    for name, lacks in (("tripod", "middle"), ("parallel_extension", "middle or ring or little")):
+        with pytest.raises(InputError) as caught:
+            cut_hands[2].check_type(GRASP_TYPES[name])
+        assert str(caught.value) == (
+            f"hand hand_of_2 cannot make a {name}: it has no {lacks}. Possible types: palmar_pinch, tip_pinch."
+        )
+
+
+def test_a_contact_place_that_a_hand_lacks_is_refused_with_those_it_has(cut_hands: Mapping[int, Hand]) -> None:
+    with pytest.raises(InputError, match=r"no contact place 'middle_pad', needed by tripod, .*; it has: thumb_pad, "):
+        cut_hands[2].place_points(cut_hands[2].pregrasp, ["middle_pad"])

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from graspcascade.intervals import newcombe, share, wilson, wilson_bounds
+from graspcascade.core.intervals import newcombe, share, wilson, wilson_bounds
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import save_file
 
-from graspcascade.errors import FileFormatError, InputError
-from graspcascade.nets import HeadSpec, NumpyDecoder, Standardisation, VaeSpec, load_decoders, save_decoders, store
-from graspcascade.nets.heads import concentration
-from graspcascade.nets.losses import concentration as torch_concentration
+from graspcascade.core.errors import FileFormatError, InputError
+from graspcascade.nets import HeadSpec, NumpyDecoder, Standardisation, VaeSpec, inference, load_decoders, save_decoders
+from graspcascade.nets.specs import concentration
 from graspcascade.nets.vae import ConditionalVae
+from graspcascade.nets.vae import concentration as torch_concentration
 
 SPEC = VaeSpec(6, (HeadSpec("gaussian", 3, 2.0), HeadSpec("vmf", 4), HeadSpec("unit", 4)), 4, (32, 16), 0.1)
 
@@ -30,7 +30,7 @@ def make_model() -> tuple[ConditionalVae, NumpyDecoder]:
 
 
 def test_inference_does_not_import_torch() -> None:
-    code = "import sys, graspcascade.nets.inference, graspcascade.nets.store; assert 'torch' not in sys.modules"
+    code = "import sys, graspcascade.nets.inference; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
@@ -173,7 +173,7 @@ def test_foreign_files_are_refused(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_headers_are_refused(tmp_path: Path, header: str, complaint: str) -> None:
-    save_file({"a": np.zeros(3)}, tmp_path / "net", {store.HEADER_KEY: header})
+    save_file({"a": np.zeros(3)}, tmp_path / "net", {inference.HEADER_KEY: header})
     with pytest.raises(FileFormatError, match=complaint):
         load_decoders(tmp_path / "net")
 

@@ -10,13 +10,12 @@ from hypothesis import strategies as st
 from scipy.special import ive
 from torch.nn import functional
 
-from graspcascade.errors import InputError
+from graspcascade.core.errors import InputError
 from graspcascade.nets import HeadSpec, NumpyDecoder, Standardisation, TrainingSpec, VaeSpec, vmf
-from graspcascade.nets.heads import MIXTURE_COMPONENTS, concentration
-from graspcascade.nets.losses import concentration as torch_concentration
-from graspcascade.nets.losses import vmf_log_prob, vmf_mixture_log_prob
+from graspcascade.nets.specs import MIXTURE_COMPONENTS, concentration
 from graspcascade.nets.training import EpochRecord, fit
-from graspcascade.nets.vae import ConditionalVae
+from graspcascade.nets.vae import ConditionalVae, vmf_log_prob, vmf_mixture_log_prob
+from graspcascade.nets.vae import concentration as torch_concentration
 
 QUICK = TrainingSpec(epochs=30, batch_size=256, learning_rate=4e-3, averaging_fraction=0.05)
 POSE = VaeSpec(5, (HeadSpec("gaussian", 3), HeadSpec("gaussian", 2), HeadSpec("vmf", 4), HeadSpec("unit", 4)), 2, (16,))
@@ -217,6 +216,37 @@ def test_a_run_cut_to_a_maximum_of_steps_is_the_shorter_run() -> None:
     short, cut = fit(POSE, training, x, c), fit(POSE, replace(training, epochs=50, max_steps=19), x, c)
     assert [record.epochs for record in cut.history] == [3, 3, 3]
     assert all(np.array_equal(array, cut.weights[name]) for name, array in short.weights.items())
+
+
+@given(
+    epochs=st.integers(1, 200),
+    min_steps=st.integers(0, 5_000),
+    more=st.integers(0, 5_000),
+    batches=st.integers(1, 5_000),
+)
+def test_a_minimum_of_steps_asks_for_no_more_passes_than_it_needs(
+    epochs: int, min_steps: int, more: int, batches: int
+) -> None:
+    passes = TrainingSpec(epochs=epochs, min_steps=min_steps).epochs_of(batches)
+    assert passes * batches >= min_steps
+    assert passes == epochs or (epochs < passes and (passes - 1) * batches < min_steps)
+    capped = TrainingSpec(epochs=epochs, min_steps=min_steps, max_steps=min_steps + more)
+    if min_steps + more:
+        assert capped.epochs_of(batches) == min(passes, max(1, (min_steps + more) // batches))
+
+
+def test_few_rows_get_a_minimum_of_steps() -> None:
+    x, c = pose_rows()
+    # 380 of the 400 rows are trained on, in batches of 256: one step each pass.
+    training = replace(QUICK, batch_size=256, epochs=3, min_steps=7)
+    assert [record.epochs for record in fit(POSE, training, x, c).history] == [7] * 7
+    same = fit(POSE, replace(training, epochs=7, min_steps=0), x, c)
+    assert all(np.array_equal(array, same.weights[name]) for name, array in fit(POSE, training, x, c).weights.items())
+
+
+def test_a_maximum_of_steps_below_the_minimum_is_refused() -> None:
+    with pytest.raises(InputError, match="max_steps must be at least min_steps, got 5 and 6"):
+        TrainingSpec(min_steps=6, max_steps=5)
 
 
 def test_without_held_out_rows_there_is_no_validation_loss() -> None:

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 from scipy.integrate import quad
 from scipy.special import ive
 
-from graspcascade.errors import InputError
+from graspcascade.core.errors import InputError
 from graspcascade.nets import vmf
-from graspcascade.nets.losses import SERIES_BELOW, log_peak_density, vmf_log_prob
+from graspcascade.nets.vae import SERIES_BELOW, log_peak_density, vmf_log_prob
 
 POLES = np.array([[1.0, 0, 0, 0], [-1.0, 0, 0, 0], [0, 0, 1.0, 0], [-1e-300, 0.6, 0, 0.8]])
 

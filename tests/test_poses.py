@@ -6,8 +6,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from graspcascade.errors import InputError
-from graspcascade.poses import (
+from graspcascade.core.errors import InputError
+from graspcascade.core.poses import (
     Pose,
     as_quat,
     as_rotation,
@@ -171,9 +171,9 @@ def test_half_turns_survive_the_way_through_a_matrix(axis: np.ndarray) -> None:
     ],
 )
 def test_the_sign_of_a_half_turn_follows_its_first_component_and_not_rounding(quat: list, canonical: list) -> None:
-    found = canonical_quat(quat)
-    np.testing.assert_allclose(found, canonical, atol=1e-12)
-    assert found[0] >= 0
+    made = canonical_quat(quat)
+    np.testing.assert_allclose(made, canonical, atol=1e-12)
+    assert made[0] >= 0
 
 
 def test_canonicalising_leaves_its_argument_alone() -> None:

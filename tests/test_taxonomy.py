@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from graspcascade.errors import InputError
-from graspcascade.taxonomy import DIGITS, GRASP_TYPES, GraspType, grasp_type
+from graspcascade.core.errors import InputError
+from graspcascade.core.taxonomy import DIGITS, GRASP_TYPES, GraspType, as_type
 
 THREE = {"thumb", "index", "middle"}
 TWO = {"thumb", "index"}
@@ -53,6 +53,22 @@ def test_one_more_contact_never_spoils_a_faithful_grasp(kind: GraspType, touchin
 def test_the_digits_each_type_needs_are_those_of_the_published_table(name: str, rule) -> None:
     verdicts = GRASP_TYPES[name].is_faithful(np.stack([flags(touching) for touching in EVERY_CONTACT]))
     assert verdicts.tolist() == [rule(touching) for touching in EVERY_CONTACT]
+
+
+@every_type
+@given(touching=hnp.arrays(bool, (3, 5)), lacking=st.sets(st.sampled_from(DIGITS[2:])))
+def test_a_hand_without_some_fingers_is_judged_by_those_it_has(
+    kind: GraspType, touching: np.ndarray, lacking: set[str]
+) -> None:
+    digits = [digit for digit in DIGITS if digit not in lacking]
+    columns = [DIGITS.index(digit) for digit in digits]
+    palm = np.ones((3, 1), dtype=bool)
+    faithful = kind.is_faithful(np.concatenate([touching[:, columns], palm], axis=1), digits)
+    absent = touching.copy()
+    absent[:, [DIGITS.index(digit) for digit in lacking]] = False
+    if set(kind.any_of) and set(kind.any_of) <= lacking:
+        assert not faithful.any(), "one of several fingers must touch, and the hand has none of them"
+    np.testing.assert_array_equal(faithful, kind.is_faithful(absent))
 
 
 @every_type
@@ -104,12 +120,19 @@ def test_every_type_is_found_by_its_name_however_it_is_written(kind: GraspType) 
         kind.name.replace("_", "-"),
         f" {kind.name} ",
     ):
-        assert grasp_type(written) is kind
+        assert as_type(written) is kind
+    assert as_type(kind) is kind
 
 
 def test_an_unknown_type_is_refused_and_the_nearest_one_named() -> None:
     with pytest.raises(InputError, match=r"unknown grasp type 'tripood'\. Did you mean 'tripod'\? Valid: tripod, "):
-        grasp_type("tripood")
+        as_type("tripood")
+
+
+def test_an_endless_type_name_is_shortened_in_the_message() -> None:
+    with pytest.raises(InputError) as caught:
+        as_type("t" * 100_000)
+    assert len(str(caught.value)) < 200
 
 
 def test_a_type_cannot_be_changed() -> None:

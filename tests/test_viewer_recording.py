@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from graspcascade.grasps import Grasps
-from graspcascade.trials import PAPER, Outcomes, Protocol
+from graspcascade.core.grasps import Grasps
+from graspcascade.core.outcomes import Outcomes
+from graspcascade.core.protocols import PAPER, Carry, Close, Protocol, Shake
+from graspcascade.hands import Hand
 from graspcascade.viewer import Recording, record
 
 
@@ -18,21 +20,21 @@ def some(drawn: Grasps, outcomes: Outcomes) -> tuple[Grasps, Outcomes]:
 
 
 @pytest.fixture(scope="module")
-def recordings(some: tuple[Grasps, Outcomes], short: Protocol) -> list[Recording]:
-    return record(some[0], short)
+def recordings(some: tuple[Grasps, Outcomes], hand: Hand, short: Protocol) -> list[Recording]:
+    return record(some[0], hand, short)
 
 
 def test_recording_a_trial_does_not_change_it(some: tuple[Grasps, Outcomes], recordings: list[Recording]) -> None:
     assert len({str(verdict) for verdict in some[1].verdict}) > 2
     held = some[1].held
     for name, column in some[1].columns().items():
-        found = np.concatenate([recording.outcome.columns()[name] for recording in recordings])
+        seen = np.concatenate([recording.outcome.columns()[name] for recording in recordings])
         if name in ("displacement_m", "duration_s"):
             # A recording is looked at more often, so that it sees sooner what falls, and shows digits that are idle.
-            np.testing.assert_allclose(found[held], column[held], atol=1e-4, err_msg=name)
-            assert (found[~held] <= column[~held] + 1e-4).all()
+            np.testing.assert_allclose(seen[held], column[held], atol=1e-4, err_msg=name)
+            assert (seen[~held] <= column[~held] + 1e-4).all()
         else:
-            np.testing.assert_array_equal(found, column, err_msg=name)
+            np.testing.assert_array_equal(seen, column, err_msg=name)
 
 
 def test_frames_go_from_the_start_to_the_end_of_the_trial(
@@ -52,37 +54,48 @@ def test_the_frame_at_closing_is_the_settled_state(recordings: list[Recording], 
     closed = [r for r in recordings if np.isfinite(r.outcome.settled_posture).all()]
     assert closed
     for recording in closed:
-        frame = recording.frame(recording.row_at(short.closing_steps * short.time_step_s))
+        frame = recording.frame(recording.row_at(short.schedule.closing_steps * short.physics.time_step_s))
         np.testing.assert_array_equal(frame.posture, recording.outcome.settled_posture[0])
         np.testing.assert_array_equal(
             frame.X_hand_object.position_m, recording.outcome.X_hand_object_settled.position_m[0]
         )
 
 
-def full_length(recording: Recording) -> Recording:
-    """Stretch a recording over every step of a held trial of the paper protocol."""
-    steps = np.arange(PAPER.total_steps + 1)
-    return replace(recording, protocol=PAPER, steps=steps)
+def full_length(recording: Recording, protocol: Protocol) -> Recording:
+    """Stretch a recording over every step of a held trial."""
+    return replace(recording, protocol=protocol, steps=np.arange(protocol.schedule.total_steps + 1))
 
 
 def test_phases_come_in_the_order_of_the_protocol(recordings: list[Recording]) -> None:
-    whole = full_length(recordings[0])
-    phases = [whole.phase(row) for row in range(len(whole))]
-    expected = ["start", "closing", "holding still", *(f"shake along {axis}" for axis in "xyz"), "gravity"]
+    whole = full_length(recordings[0], PAPER)
+    phases = [whole.phase(row)[1] for row in range(len(whole))]
+    expected = ["start", "closing", "holding still", *(f"shake along {axis}" for axis in "xyz"), "carry"]
     assert list(dict.fromkeys(phases)) == expected
     assert [phases.count(name) for name in expected] == [1, 125, 50, 167, 167, 166, 1250]
+    assert isinstance(whole.phase(0)[0], Close)
 
 
-def test_the_base_moves_as_the_gravity_of_the_shake_says(recordings: list[Recording]) -> None:
-    moved = full_length(recordings[0]).base_m
-    first, last = PAPER.closing_steps, PAPER.closing_steps + PAPER.shake_steps
+def test_phases_are_the_protocols_whatever_their_order(recordings: list[Recording]) -> None:
+    turned = Protocol("turned", (Close(0.1, 0.0), Carry(0.2), Shake(cycles=1), Carry(0.1)))
+    whole = full_length(recordings[0], turned)
+    kinds = [type(whole.phase(row)[0]).__name__ for row in range(1, len(whole))]
+    assert [kinds.count(name) for name in ("Close", "Carry", "Shake")] == [25, 75, 250]
+    moved = np.flatnonzero(whole.base_m.any(axis=1))
+    assert 75 < moved.min() < moved.max() < 75 + 250
+
+
+def test_the_base_moves_as_the_field_of_the_shake_says(recordings: list[Recording]) -> None:
+    moved, schedule = full_length(recordings[0], PAPER).base_m, PAPER.schedule
+    shake, step_s = PAPER.phases[1], PAPER.physics.time_step_s
+    assert isinstance(shake, Shake)
+    first, last = schedule.ends[0], schedule.ends[1]
     assert not moved[: first + 1].any()
     assert not moved[last:].any()
     assert ((np.abs(moved) > 1e-12).sum(axis=1) <= 1).all()
-    np.testing.assert_allclose(np.abs(moved).max(axis=0), PAPER.shake_amplitude_m, rtol=0.01)
+    np.testing.assert_allclose(np.abs(moved).max(axis=0), shake.amplitude_m, rtol=0.01)
     # Away from the changes of axis, acceleration is the opposite of the field that stands for it.
-    acceleration = np.diff(moved, n=2, axis=0) / PAPER.time_step_s**2
-    field = (PAPER.gravity[1:] + PAPER.gravity[:-1]) / 2
+    acceleration = np.diff(moved, n=2, axis=0) / step_s**2
+    field = (schedule.acceleration[1:] + schedule.acceleration[:-1]) / 2
     steps = np.arange(first + 2, first + 160)
     np.testing.assert_allclose(acceleration[steps - 1], -field[steps - 1], atol=0.05)
 
@@ -95,8 +108,8 @@ def test_a_time_finds_its_frame(recordings: list[Recording]) -> None:
     assert longest.row_at(0.021) == 1
 
 
-def test_an_overlap_is_one_frame(drawn: Grasps, short: Protocol) -> None:
+def test_an_overlap_is_one_frame(drawn: Grasps, hand: Hand, short: Protocol) -> None:
     inside = drawn[[0]]  # a list of rows copies: the shared grasps stay as they are
     inside.X_hand_object.position_m[:] = [0.01, 0.0, 0.05]
-    (recording,) = record(inside, short)
+    (recording,) = record(inside, hand, short)
     assert (str(recording.outcome.verdict[0]), len(recording)) == ("overlap", 1)

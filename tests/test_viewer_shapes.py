@@ -1,6 +1,8 @@
 """Meshes on the page: closed, of the engine's own extent and volume, lit as they are curved, on the right bodies."""
 
+import json
 import os
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -13,10 +15,12 @@ if not os.environ.get("CI"):  # where everything must run, a missing package is 
 
 from trimesh import Trimesh
 
-from graspcascade.hands import HandModel
-from graspcascade.objects import CATALOGUE
-from graspcascade.poses import Pose, quat_to_matrix
-from graspcascade.viewer.shapes import geom_part, hand_meshes, object_part
+from graspcascade.core.objects import CATALOGUE, as_object
+from graspcascade.core.poses import Pose, quat_to_matrix
+from graspcascade.core.yaml_files import load_yaml
+from graspcascade.hands import Hand, load_hand, shipped_hands
+from graspcascade.viewer.shapes import geom_mesh, hand_parts, shape_mesh
+from graspcascade.viewer.style import body_rgb, hand_bounds
 
 lengths = st.floats(0.001, 0.2)
 # A third of a turn: axes stay axes, so that extents can be told.
@@ -63,10 +67,9 @@ def compiled(kind: str, size: tuple[float, ...]) -> mujoco.MjModel:
 @given(st.sampled_from(KINDS), st.tuples(lengths, lengths, lengths))
 def test_a_geom_is_meshed_where_and_as_large_as_the_engine_has_it(kind: str, size: tuple[float, float, float]) -> None:
     model = compiled(kind, size[: {"sphere": 1, "capsule": 2, "cylinder": 2}.get(kind, 3)])
-    part = geom_part(model, 0)
-    assert part is not None
-    assert part.rgb == (255, 36, 36)
-    assert_closed(part.mesh)
+    mesh = geom_mesh(model, 0)
+    assert mesh is not None
+    assert_closed(mesh)
     r, half = size[0], size[1]
     x, y, z = {
         "sphere": (r, r, r),
@@ -74,45 +77,68 @@ def test_a_geom_is_meshed_where_and_as_large_as_the_engine_has_it(kind: str, siz
         "cylinder": (r, r, half),
     }.get(kind, size)
     turned = np.abs(quat_to_matrix(PLACE.quat_wxyz)) @ [2 * x, 2 * y, 2 * z]
-    np.testing.assert_allclose(np.ptp(part.mesh.vertices, axis=0), turned, rtol=1e-6)
-    np.testing.assert_allclose(part.mesh.bounds.mean(axis=0), PLACE.position_m, atol=1e-7)
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), turned, rtol=1e-6)
+    np.testing.assert_allclose(mesh.bounds.mean(axis=0), PLACE.position_m, atol=1e-7)
     # Facets cut a few percent off a round body; a mesh inside out would have a negative volume.
     volume = float(model.body_mass[1])
-    assert (1 - 1e-6 if kind == "box" else 0.95) * volume < part.mesh.volume < (1 + 1e-6) * volume
+    assert (1 - 1e-6 if kind == "box" else 0.95) * volume < mesh.volume < (1 + 1e-6) * volume
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_flat_faces_are_lit_flat_and_round_ones_round(kind: str) -> None:
     size = {"sphere": (0.02,), "capsule": (0.01, 0.02), "cylinder": (0.01, 0.02)}.get(kind, (0.01, 0.015, 0.02))
-    part = geom_part(compiled(kind, size), 0)
-    assert part is not None
-    assert shading_error_rad(part.mesh) < np.radians(1e-3 if kind == "box" else 15)
+    mesh = geom_mesh(compiled(kind, size), 0)
+    assert mesh is not None
+    assert shading_error_rad(mesh) < np.radians(1e-3 if kind == "box" else 15)
 
 
 def test_a_geom_without_volume_has_no_mesh() -> None:
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom type='plane' size='1 1 1'/></worldbody></mujoco>")
-    assert geom_part(model, 0) is None
+    assert geom_mesh(model, 0) is None
 
 
-@pytest.mark.parametrize("label", CATALOGUE)
-def test_objects_have_their_catalogue_extents_and_are_lit_as_they_are_curved(label: str) -> None:
-    obj, mesh = CATALOGUE[label], object_part(CATALOGUE[label]).mesh
+@pytest.mark.parametrize("name", [*CATALOGUE, "box:32x41x60mm", "cylinder:18x120mm", "sphere:41mm"])
+def test_objects_have_their_extents_and_are_lit_as_they_are_curved(name: str) -> None:
+    obj = as_object(name)
+    mesh = shape_mesh(obj.shape)
     assert_closed(mesh)
     np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), obj.extents_m)
-    assert 0.99 * obj.volume_m3 < mesh.volume < (1 + 1e-9) * obj.volume_m3
-    assert shading_error_rad(mesh) < np.radians(1e-3 if obj.shape == "box" else 6)
+    assert 0.99 * obj.shape.volume_m3 < mesh.volume < (1 + 1e-9) * obj.shape.volume_m3
+    assert shading_error_rad(mesh) < np.radians(1e-3 if obj.shape.kind == "box" else 6)
+    assert shape_mesh(as_object(name).shape) is mesh
 
 
-def test_every_moving_body_of_the_hand_has_a_shape_and_the_pads_lie_on_it(hand: HandModel) -> None:
-    meshes = hand_meshes(hand)
-    assert set(meshes) == {link.name for link in hand.kinematics.links}
-    for place in hand.description.places.values():
-        vertices = np.concatenate([part.mesh.vertices for part in meshes[place.body]])
+def vertices(hand: Hand, body: str) -> np.ndarray:
+    return np.concatenate([part.mesh.vertices for part in hand_parts(hand) if part.body == body])
+
+
+def test_every_moving_body_of_the_hand_has_a_shape_and_the_pads_lie_on_it(hand: Hand) -> None:
+    assert {part.body for part in hand_parts(hand)} == {link.name for link in hand.kinematics.links}
+    for place in hand.places.values():
         normal = np.array(place.normal)
-        assert (vertices @ normal).max() == pytest.approx(float(np.dot(place.point_m, normal)), abs=0.0015)
+        surface = float((vertices(hand, place.body) @ normal).max())
+        assert surface == pytest.approx(float(np.dot(place.point_m, normal)), abs=0.0015)
 
 
-def test_forearm_and_wrist_are_below_the_palm(hand: HandModel) -> None:
-    palm = np.concatenate([part.mesh.vertices for part in hand_meshes(hand)["palm"]])
+def test_forearm_and_wrist_are_below_the_palm_in_a_colour_of_their_own(hand: Hand) -> None:
+    palm = vertices(hand, "palm")
     assert palm[:, 2].min() < -0.2
     assert palm[:, 2].max() < 0.11
+    assert {part.rgb for part in hand_parts(hand) if part.body == "palm"} == {
+        body_rgb(hand, "palm"),
+        body_rgb(hand, "forearm"),
+    }
+
+
+def test_a_hand_of_three_digits_is_drawn_and_framed(tmp_path: Path) -> None:
+    entries, kept = load_yaml(shipped_hands()["shadow"]), ("thumb", "index", "middle")
+    some = {key: {k: v for k, v in entries[key].items() if k.startswith(kept)} for key in ("digits", "places")}
+    file = tmp_path / "hand.yaml"
+    file.write_text(json.dumps({"base": "shadow", "name": "three"} | some))
+    three = load_hand(file)
+    assert list(three.digits) == ["thumb", "index", "middle"]
+    assert {part.body for part in hand_parts(three)} == {link.name for link in three.kinematics.links}
+    centre, radius = hand_bounds(three)
+    for posture in (three.pregrasp, np.zeros_like(three.pregrasp)):
+        for tip in three.tips(posture, list(three.digits)).values():
+            assert np.linalg.norm(tip - centre) < radius + 0.02

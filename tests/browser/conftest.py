@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from graspcascade.cascade import GraspSampler
-from graspcascade.hands import HandModel
-from graspcascade.trials import PAPER
+from graspcascade.core.protocols import PAPER
+from graspcascade.hands import Hand
+from graspcascade.proposals.cascade.sampler import GraspSampler
 from graspcascade.viewer import SampleRequest, sample_batch
-from graspcascade.viewer.shapes import hand_meshes
 
 if TYPE_CHECKING:
     from driver import Browser
@@ -47,13 +46,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def programs() -> tuple[str, str]:
     """Find Chromium and its driver: skip without them, except where CI says that everything must run."""
-    found = shutil.which("chromium"), shutil.which("chromedriver")
-    if found[0] is None or found[1] is None:
+    paths = shutil.which("chromium"), shutil.which("chromedriver")
+    if paths[0] is None or paths[1] is None:
         reason = "needs Chromium and its driver: apt-get install chromium chromium-driver"
         if os.environ.get("CI"):
             pytest.fail(reason)
         pytest.skip(reason)
-    return found[0], found[1]
+    return paths[0], paths[1]
 
 
 @contextmanager
@@ -79,23 +78,22 @@ def opened(programs: tuple[str, str], folder: Path) -> Iterator["Browser"]:
 
 @pytest.fixture(scope="module")
 def browser(programs: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator["Browser"]:
-    with opened(programs, tmp_path_factory.mktemp("browser")) as found:
-        yield found
+    with opened(programs, tmp_path_factory.mktemp("browser")) as one:
+        yield one
 
 
 @pytest.fixture
 def second_browser(programs: tuple[str, str], tmp_path: Path) -> Iterator["Browser"]:
-    with opened(programs, tmp_path) as found:
-        yield found
+    with opened(programs, tmp_path) as one:
+        yield one
 
 
 @pytest.fixture(scope="module")
-def start(hand: HandModel) -> "Start":
+def start(hand: Hand) -> "Start":
     from graspcascade.viewer.page import Start
-    from graspcascade.viewer.scene import HandShapes
 
-    sampler, request = GraspSampler.pretrained(), SampleRequest(n=4)
-    return Start(sampler, HandShapes(hand, hand_meshes(hand)), request, PAPER, sample_batch(sampler, request))
+    sampler, request = GraspSampler.pretrained(), SampleRequest.of(n=4)
+    return Start(sampler, hand, request, PAPER, sample_batch(sampler, hand, request))
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """What a person does on the page, in a few words; everything waits for what it needs to see."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
+from graspcascade.viewer.style import OBJECT_RGB
+
 PATIENCE_S = 40.0
-ORANGE = np.array([224, 122, 56]) / 224
+ORANGE = np.array(OBJECT_RGB) / max(OBJECT_RGB)
 
 
 class Browser:
@@ -52,8 +55,10 @@ class Browser:
 
     def field(self, label: str) -> WebElement:
         path = f"//label[normalize-space()='{label}']"
-        found: WebElement = self.until(lambda: self.chrome.find_element(By.XPATH, path), label)
-        return self.chrome.find_element(By.ID, str(found.get_attribute("for")))
+        described: WebElement = self.until(lambda: self.chrome.find_element(By.XPATH, path), label)
+        named = self.chrome.find_elements(By.ID, str(described.get_attribute("for")))
+        # A text field does not carry the name that its label is for.
+        return named[0] if named else self.chrome.find_element(By.XPATH, f"{path}/following::input[1]")
 
     def type(self, label: str, value: str) -> None:
         field = self.field(label)
@@ -77,6 +82,14 @@ class Browser:
     def press(self, button: str) -> None:
         path = f"//button[normalize-space()='{button}']"
         self.until(lambda: self.chrome.find_elements(By.XPATH, path), button)[0].click()
+
+    def layout(self) -> list[int]:
+        """Measure how far apart the controls stand, in pixels, however far the panel is scrolled."""
+        names = ("Sample", "previous", "Play trial", "Try all")
+        y = [self.chrome.find_element(By.XPATH, f"//button[normalize-space()='{n}']").location["y"] for n in names]
+        # The other panel stands on its lower edge, so that its height is what would move.
+        table, below = (self.find(css)[0].location["y"] for css in (".gc-table", ".gc-rate"))
+        return [round(b - a) for a, b in pairwise(y)] + [round(below - table)]
 
     def downloaded(self, name: str) -> Path:
         path = self.downloads / name

@@ -3,9 +3,8 @@
 import json
 import os
 import re
-import subprocess
-import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +16,11 @@ if not os.environ.get("CI"):  # where everything must run, a missing package is 
 
 from driver import Browser
 
+from graspcascade.core.outcomes import VERDICTS
 from graspcascade.formats import load_grasps
-from graspcascade.trials import VERDICTS
+from graspcascade.viewer import with_friction
 from graspcascade.viewer.page import Start
+from graspcascade.viewer.standalone import write_standalone
 
 
 def play(browser: Browser) -> str:
@@ -35,7 +36,19 @@ def test_loads_and_draws_the_hand_and_the_object(browser: Browser, address: str)
     assert len(browser.rows()) == 4
     picture = browser.wait_drawn()
     assert picture.std() > 0.05
+    assert browser.chrome.title == "graspcascade"
+    assert browser.text(".gc-shown") == "settled"
+    assert "protocol paper" in browser.text(".gc-verdict")
+    assert re.search(r"measured: \d+ % \(95 %: \d+ to \d+ %\) of 500 trials held", browser.text(".gc-measured"))
     assert browser.complaints() == []
+
+
+def test_hand_and_object_fill_the_canvas_and_little_forearm_does(browser: Browser, address: str) -> None:
+    browser.open(address)
+    rows, columns = np.nonzero(browser.wait_drawn().max(axis=2) < 0.5)
+    height, width = browser.picture().shape[:2]
+    assert np.ptp(rows) > height / 3
+    assert abs(float(np.median(columns)) / width - 0.5) < 0.15
 
 
 def test_samples_what_is_asked_for_on_the_sides_that_exist(browser: Browser, address: str) -> None:
@@ -61,11 +74,13 @@ def test_samples_what_is_asked_for_on_the_sides_that_exist(browser: Browser, add
 
 def test_shows_three_states_of_a_grasp(browser: Browser, address: str) -> None:
     browser.open(address)
-    posture = browser.wait_drawn()
-    for view in ("pregrasp", "settled"):
+    settled = browser.wait_drawn()
+    for view in ("pregrasp", "target"):
         browser.choose("show", view)
         browser.wait_text(".gc-shown", view)
-        browser.until(lambda: np.abs(browser.picture() - posture).mean() > 1e-3, f"{view} looks unlike the posture")
+        browser.until(
+            lambda: np.abs(browser.picture() - settled).mean() > 1e-3, f"{view} looks unlike the settled hand"
+        )
     assert "protocol paper" in browser.text(".gc-verdict")
 
 
@@ -105,10 +120,10 @@ def test_downloads_files_that_can_be_read_back(browser: Browser, address: str, s
 
 
 BAD = (
-    ("n", "0", "Sample", "n must be between 1 and 200, got 0"),
-    ("n", "-3", "Sample", "n must be between 1 and 200, got -3"),
-    ("n", "123456789012345678", "Sample", "n must be between 1 and 200"),
-    ("seed", "-1", "Sample", "seed must be between 0 and"),
+    ("n", "0", "Sample", "n must be a whole number between 1 and 200, got 0"),
+    ("n", "-3", "Sample", "n must be a whole number between 1 and 200, got -3"),
+    ("n", "123456789012345678", "Sample", "n must be a whole number between 1 and 200"),
+    ("seed", "-1", "Sample", "seed must be a whole number between 0 and"),
     ("friction", "-2", "Play trial", "friction must be between"),
     ("friction", "1000", "Try all", "friction must be between"),
 )
@@ -117,18 +132,35 @@ GOOD = {"n": "4", "seed": "0", "friction": "0.8"}
 
 def test_survives_bad_values(browser: Browser, address: str) -> None:
     browser.open(address)
-    before = browser.rows()
+    browser.wait_drawn()
+    before, layout = browser.rows(), browser.layout()
     for label, value, button, message in BAD:
         browser.type(label, value)
         browser.press(button)
         browser.wait_text(".gc-message[data-kind=error]", message)
         browser.type(label, GOOD[label])
+    browser.until(lambda: browser.layout() == layout, "the controls stand where they stood")
     # Words are no numbers: the last number typed stays.
     browser.type("n", "many")
     browser.press("Sample")
     browser.wait_text(".gc-message[data-kind=note]", "4 grasps sampled")
     assert browser.rows() == before
     assert browser.complaints() == []
+
+
+def test_an_object_of_ones_own_size_is_typed(browser: Browser, address: str) -> None:
+    browser.open(address)
+    browser.choose("object", "own size")
+    browser.type("size", "box:30x4")
+    browser.wait_text(".gc-measured", "lacks a unit")
+    browser.type("size", "cylinder:35x70mm")  # the catalogue's own, which the cascade knows
+    browser.wait_text(".gc-measured", "of 500 trials held")
+    browser.until(lambda: browser.options("held by") == ["any", "x = 3.5 cm"], "the sides of the cylinder")
+    browser.press("Sample")
+    browser.wait_text(".gc-message", "4 grasps sampled")
+    browser.type("size", "sphere:41mm")
+    browser.press("Sample")
+    browser.wait_text(".gc-message[data-kind=error]", "knows nine objects")
 
 
 def test_two_browsers_at_once_do_not_disturb_each_other(
@@ -155,13 +187,12 @@ def test_two_browsers_at_once_do_not_disturb_each_other(
     assert [len(one.rows()) for one in (browser, second_browser)] == [4, 2]
 
 
-def test_a_standalone_page_draws_without_a_server(browser: Browser, tmp_path: Path) -> None:
+def test_a_standalone_page_draws_without_a_server(browser: Browser, start: Start, tmp_path: Path) -> None:
     out = tmp_path / "page.html"
-    command = [sys.executable, "-m", "graspcascade.cli", "view", "--html", str(out), "--n", "2", "--friction", "0.7"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith("wrote 2 grasps with their trials under protocol paper, friction 0.7")
+    two = replace(start.batch, grasps=start.batch.grasps[:2])
+    assert write_standalone(out, two, start.hand, with_friction(0.7)) == 2
     browser.open(out.as_uri())
+    assert browser.chrome.title == "tripod_box_medium_seed0 - graspcascade"
     assert browser.wait_drawn().std() > 0.05
     assert len(browser.rows()) == 2
     assert "protocol paper, friction 0.7" in browser.text(".gc-rate")

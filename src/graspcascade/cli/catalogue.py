@@ -1,116 +1,138 @@
-"""``graspcascade hands`` and ``graspcascade objects``: what there is."""
+"""``graspcascade hands``, ``objects`` and ``completion``: what there is."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import contextlib
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from tyro.conf import Positional, arg
 
-from ..errors import unknown
-from ..objects import CATALOGUE, DENSITY_KG_M3
-from .console import print_json, print_table
+from ..core.objects import CATALOGUE
+from ..hands import Hand, load_hand, shipped_hands
+from .console import HandName, Json, numbers, print_json, print_table
+from .main import VERBS, command_class, tyro_config
 
 
 @dataclass(frozen=True)
 class Objects:
-    """List the catalogue objects, their sides and which of them the hand reaches round."""
+    """List the catalogue objects, their sides and which of them the hand reaches round.
 
-    json: bool = False
-    """Print JSON."""
+    Anything else is spelled by its size: box:32x41x60mm, cylinder:27x80mm (diameter x height), sphere:40mm.
+    """
+
+    hand: HandName = "shadow"
+    json: Json = False
 
     def run(self) -> None:
         """Print the catalogue."""
-        found = [
-            {
-                "label": obj.label,
-                "shape": obj.shape,
-                "extents_m": list(obj.extents_m),
-                "sides_m": obj.sides_m,
-                "graspable_sides_m": obj.graspable_sides_m,
-                "mass_kg": obj.volume_m3 * DENSITY_KG_M3,
-            }
-            for obj in CATALOGUE.values()
-        ]
+        reach, facts, rows = load_hand(self.hand).reach_m, [], []
+        for obj in CATALOGUE.values():
+            graspable = {axis: site.width_m for axis, site in obj.sites(reach).items()}
+            sizes = {"sides_m": obj.sides_m, "graspable_sides_m": graspable, "mass_kg": obj.mass_kg}
+            facts.append({"name": obj.name, **obj.to_json(), **sizes})
+            sides = ", ".join(f"{axis} {side * 100:g}" for axis, side in obj.sides_m.items())
+            rows.append([obj.name, sides, ", ".join(graspable), f"{obj.mass_kg * 1000:.0f}"])
         if self.json:
-            print_json(found)
+            print_json(facts)
             return
-        rows = [
-            [
-                obj.label,
-                ", ".join(f"{axis} {side * 100:g}" for axis, side in obj.sides_m.items()),
-                ", ".join(obj.graspable_sides_m),
-                f"{obj.volume_m3 * DENSITY_KG_M3 * 1000:.0f}",
-            ]
-            for obj in CATALOGUE.values()
-        ]
         print_table(["object", "sides cm", "graspable", "mass g"], rows, left=range(3))
+        print("Or a size: box:32x41x60mm, cylinder:27x80mm (diameter x height), sphere:40mm.")
 
 
 @dataclass(frozen=True)
 class Hands:
-    """List the hands, or show one: `graspcascade hands show shadow_hand_right`."""
+    """List the shipped hands, or show one of them or a hand file: `graspcascade hands show my_hand.yaml`."""
 
     action: Annotated[Positional[Literal["list", "show"]], arg(metavar="list|show")] = "list"
     """list the hands, or show one."""
-    name: Annotated[Positional[str], arg(metavar="NAME")] = "shadow_hand_right"
+    hand: Annotated[Positional[str], arg(metavar="NAME|FILE")] = "shadow"
     """The hand to show."""
-    json: bool = False
-    """Print JSON."""
+    json: Json = False
 
     def run(self) -> None:
         """Print the list or one hand."""
-        from ..hands import SHADOW_HAND
-
-        hands = {SHADOW_HAND.name: SHADOW_HAND}
-        if self.action == "list":
-            if self.json:
-                names = ("name", "joint_names", "wrist_joints")
-                print_json([{name: getattr(hand, name) for name in names} for hand in hands.values()])
-            else:
-                rows = [[h.name, str(len(h.joint_names)), ", ".join(h.wrist_joints)] for h in hands.values()]
-                print_table(["hand", "joints", "wrist joints, held at zero"], rows, left=(0, 2))
+        if self.action == "show":
+            facts = _facts(load_hand(self.hand))
+            print_json(facts) if self.json else _print_hand(facts)
             return
-        # The beginning of a name will do while it is the beginning of one only.
-        meant = [name for name in hands if name == self.name] or [name for name in hands if name.startswith(self.name)]
-        if len(meant) != 1 or not self.name:
-            raise unknown("hand", self.name, hands)
-        from ..hands.facts import hand_facts
-
-        facts = hand_facts(hands[meant[0]])
+        hands = {name: load_hand(name) for name in shipped_hands()}
         if self.json:
-            print_json(facts)
-        else:
-            _print_hand(facts)
+            print_json({name: _facts(hand) for name, hand in hands.items()})
+            return
+        rows = []
+        for name, hand in hands.items():
+            joints = [str(len(hand.joint_names)), ", ".join(hand.wrist_joints)]
+            rows.append([name, hand.name, " ".join(hand.digits), *joints])
+        print_table(["--hand", "name", "digits", "joints", "wrist joints, held at zero"], rows, left=(0, 1, 2, 4))
+
+
+_JOINT = ("name", "lower_deg", "upper_deg", "pregrasp_deg", "actuator")
+
+
+def _facts(hand: Hand) -> dict[str, Any]:
+    angles = np.degrees(np.stack([hand.lower_rad, hand.upper_rad, hand.pregrasp], axis=1)).round(3).tolist()
+    actuators = {joint: actuator.name for actuator in hand.actuators for joint in actuator.weights}
+    base = hand.X_base_hand
+    at = {"position_m": base.position_m.round(6).tolist(), "quat_wxyz": base.quat_wxyz.round(6).tolist()}
+    return {
+        "name": hand.name,
+        "reach_m": hand.reach_m,
+        "grasp_types": [kind.name for kind in hand.grasp_types],
+        "joints": [
+            dict(zip(_JOINT, (name, *row, actuators.get(name)), strict=True))
+            for name, row in zip(hand.joint_names, angles, strict=True)
+        ],
+        "actuators": [asdict(actuator) for actuator in hand.actuators],
+        "digits": {name: asdict(digit) for name, digit in hand.digits.items()},
+        "palm_bodies": list(hand.palm_bodies),
+        "couplings": [asdict(coupling) for coupling in hand.couplings],
+        "places": {name: asdict(place) for name, place in hand.places.items()},
+        "frame": {"body": hand.body, "wrist_joints_at_zero": list(hand.wrist_joints), "X_base_hand": at},
+    }
 
 
 def _print_hand(facts: dict[str, Any]) -> None:
-    print(f"{facts['name']}: joints in posture order, limits in degrees")
-    print_table(
-        ["#", "joint", "lower", "upper", "pregrasp", "actuator", "gain\nN m/rad", "limit\nN m"],
-        [_joint_row(number, joint) for number, joint in enumerate(facts["joints"])],
-        left=(0, 1),
-    )
-    print("Joints that share an actuator are moved by one tendon: only their sum is commanded.")
-    print_table(
-        ["place", "body", "point mm (x y z)", "outward normal (x y z)"],
-        [
-            [
-                p["name"],
-                p["body"],
-                " ".join(f"{v * 1000:6.1f}" for v in p["point_m"]),
-                " ".join(f"{v:6.3f}" for v in p["normal"]),
-            ]
-            for p in facts["places"]
-        ],
-        left=(0, 1),
-    )
-    frame = facts["X_forearm_hand"]
-    print(f"hand frame: body {facts['hand_body']!r}, wrist joints {', '.join(facts['wrist_joints'])} at zero;")
-    print(f"in the forearm base at {frame['position_m']} m, quaternion (w x y z) {frame['quat_wxyz']}")
+    actuators = {actuator["name"]: actuator for actuator in facts["actuators"]}
+    print(f"{facts['name']}: digits {', '.join(facts['digits'])}; reaches round {facts['reach_m'] * 100:g} cm")
+    print(f"grasp types: {', '.join(facts['grasp_types']) or 'none'}")
+    print("joints in posture order, limits in degrees:")
+    rows = []
+    for number, joint in enumerate(facts["joints"]):
+        drive = actuators.get(joint["actuator"])
+        gains = ["-", "-"] if drive is None else [f"{drive[key]:g}" for key in ("gain_nm_per_rad", "force_limit_nm")]
+        angles = [f"{joint[key]:.1f}" for key in ("lower_deg", "upper_deg", "pregrasp_deg")]
+        rows.append([str(number), joint["name"], *angles, joint["actuator"] or "none", *gains])
+    columns = ["#", "joint", "lower", "upper", "pregrasp", "actuator", "gain\nN m/rad", "limit\nN m"]
+    print_table(columns, rows, left=(0, 1, 5))
+    for coupling in facts["couplings"]:
+        # Of joints that share a tendon only the weighted sum is commanded.
+        how = "are moved by one tendon" if coupling["kind"] == "tendon" else "follow each other"
+        print(f"{' and '.join(coupling['joints'])} {how} ({coupling['name']})")
+    rows = [
+        [name, place["body"], numbers(1000 * np.array(place["point_m"]), "6.1f"), numbers(place["normal"], "6.3f")]
+        for name, place in facts["places"].items()
+    ]
+    print_table(["place", "body", "point mm (x y z)", "outward normal (x y z)"], rows, left=(0, 1))
+    frame, at = facts["frame"], facts["frame"]["X_base_hand"]
+    wrist = ", ".join(frame["wrist_joints_at_zero"]) or "none"
+    print(f"hand frame: body {frame['body']!r}, wrist joints at zero: {wrist}; in the frame of the base")
+    print(f"at {at['position_m']} m, quaternion (w x y z) {at['quat_wxyz']}")
 
 
-def _joint_row(number: int, joint: dict[str, Any]) -> list[str]:
-    degrees = [f"{joint[key]:.1f}" for key in ("lower_deg", "upper_deg", "pregrasp_deg")]
-    drive = [joint["actuator"], f"{joint['gain_nm_per_rad']:g}", f"{joint['force_limit_nm']:g}"]
-    return [str(number), joint["name"], *degrees, *drive]
+@dataclass(frozen=True)
+class Completion:
+    """Print the completion script of a shell, as in: source <(graspcascade completion bash)."""
+
+    shell: Annotated[Positional[Literal["bash", "zsh"]], arg(metavar="bash|zsh")]
+    """Which shell."""
+
+    def run(self) -> None:
+        """Print the script."""
+        import tyro
+
+        # tyro prints the script and then exits as after --help.
+        with contextlib.suppress(SystemExit):
+            commands, asked = {name: command_class(name) for name in VERBS}, ["--tyro-print-completion", self.shell]
+            tyro.extras.subcommand_cli_from_dict(commands, prog="graspcascade", args=asked, config=tyro_config())

@@ -1,20 +1,53 @@
-"""What commands print: JSON, tables and progress bars."""
+"""What commands share: options, reading models, hands and numbers; printing JSON, tables and progress bars."""
 
 from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from ..errors import InputError
+from tyro.conf import FlagCreatePairsOff, arg
+
+from ..core.errors import InputError
+from ..core.poses import Pose
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from ..hands import Hand
+    from ..proposals import Proposal
+    from ..proposals.prior import PosturePrior
+
+Flag = FlagCreatePairsOff[bool]
+Json = Annotated[Flag, arg(help="Print JSON.")]
+Trust = Annotated[Flag, arg(help="Unpickle .npy files, which can run any code: only for files you trust.")]
+HandName = Annotated[str, arg(metavar="NAME|FILE", help="Hand: a shipped one's name or a hand file (hand.yaml).")]
+_OWN_HAND = "Hand: a shipped one's name or a hand file; by default the model's."
+OwnHand = Annotated[str | None, arg(metavar="NAME|FILE", help=_OWN_HAND)]
+_MODEL = """A shipped cascade's name, the folder of a trained one, 'heuristic' (the paper's), or 'screened': the
+heuristic that draws again where the digits cannot touch. These two take any size."""
+ModelName = Annotated[str, arg(metavar="NAME|FOLDER", help=_MODEL)]
+_PRIOR = "Posture prior of the heuristic (.safetensors); the shipped one without it."
+PriorFile = Annotated[Path | None, arg(metavar="FILE", help=_PRIOR)]
+ProtocolName = Annotated[str, arg(metavar="NAME", help="Trial protocol; every rate is quoted with its name.")]
+EngineName = Annotated[str, arg(metavar="NAME", help="Physics engine.")]
+Threads = Annotated[int, arg(help="Simulation threads, 0 for all processors.")]
+_WORKERS = "Processes to try in, each with one thread, 0 for as many as processors; 1 stays in this one."
+Workers = Annotated[int, arg(help=_WORKERS)]
+PoseNumbers = tuple[float, float, float, float, float, float, float]
+_POSE = "Object pose in the world, metres and a unit quaternion; it gives the hand's pose in the world."
+ObjectPose = Annotated[PoseNumbers | None, arg(metavar="X Y Z QW QX QY QZ", help=_POSE)]
+
+MAX_GRASPS, MAX_THREADS, MAX_COUNT, MAX_SEED = 1_000_000, 4096, 10**9, 2**63 - 1
+_FARTHEST_M = 10.0
+"""An object farther from the world's origin was probably meant in millimetres."""
 _PIPE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe, where nothing should be wrapped."""
 _SAY_EVERY_S = 60.0
@@ -37,10 +70,7 @@ def plain(value: Any) -> Any:
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[int] = (0,)) -> None:
     """Print a table whose cells stay whole, except in a last text column, which may go on below.
 
-    Args:
-        columns: headings; a line break in one keeps its column narrow.
-        rows: cells.
-        left: numbers of the text columns; the others are figures, set to the right.
+    A line break in a heading keeps its column narrow; `left` numbers the text columns, figures are set to the right.
     """
     from rich.box import SIMPLE
     from rich.console import Console
@@ -56,24 +86,98 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, left: 
     Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH, markup=False, highlight=False).print(table)
 
 
+def numbers(values: Iterable[float], form: str) -> str:
+    """Word a vector, each number in the same form, such as ``6.1f``."""
+    return " ".join(format(float(value), form) for value in values)
+
+
 def percent(rate: float | None) -> str:
     """Word a rate in percent."""
     return "-" if rate is None or math.isnan(rate) else f"{100 * rate:.1f} %"
 
 
-def interval(found: Mapping[str, float | None]) -> str:
+def interval(rate: Mapping[str, float | None]) -> str:
     """Word a rate with its 95 % interval, from ``{"rate", "low", "high"}``."""
-    return f"{percent(found['rate'])} (95 %: {percent(found['low'])} to {percent(found['high'])})"
+    return f"{percent(rate['rate'])} (95 %: {percent(rate['low'])} to {percent(rate['high'])})"
 
 
-def at_least(name: str, value: int, minimum: int) -> None:
-    """Check a count.
+def within(low: int, high: int, **counts: int) -> None:
+    """Refuse counts that are out of range, by their names."""
+    for name, value in counts.items():
+        if not low <= value <= high:
+            bound = f"least {low}" if value < low else f"most {high}"
+            raise InputError(f"{name.replace('_', '-')} must be at {bound}, got {value}")
+
+
+def need(package: str, extra: str = "train") -> None:
+    """Refuse long work that would end for want of a package of an extra."""
+    if find_spec(package) is None:
+        raise InputError(f"this needs {package}, of the extra {extra!r}: pip install '.[{extra}]' in a checkout")
+
+
+def check_out(path: Path, suffix: str, what: str) -> None:
+    """Refuse a file that could not be written, before the work rather than after it."""
+    from ..formats import check_file_place
+
+    if path.suffix.lower() != suffix:
+        raise InputError(f"{what} is a {suffix} file, got {path.name!r}")
+    check_file_place(path)
+
+
+def object_pose(given: PoseNumbers | None) -> Pose | None:
+    """Read an object's pose in the world, and refuse one whose metres look like millimetres."""
+    if given is None:
+        return None
+    pose = Pose.of(given[:3], given[3:])
+    if max(map(abs, given[:3])) > _FARTHEST_M:
+        raise InputError(f"an object's position is in metres, got {given[:3]}; were millimetres meant?")
+    return pose
+
+
+def load_prior(path: Path | None) -> PosturePrior:
+    """Load a posture prior, the shipped one without a path."""
+    from ..proposals.prior import PosturePrior
+
+    return PosturePrior.pretrained() if path is None else PosturePrior.load(path)
+
+
+def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Proposal:
+    """Load what `--model` names; a folder that has the name of a shipped cascade is given as ``./name``.
 
     Raises:
-        InputError: it is smaller.
+        InputError: no such model or hand, a prior with a cascade, or a hand of other joints than the cascade's.
     """
-    if value < minimum:
-        raise InputError(f"{name} must be at least {minimum}, got {value}")
+    from ..proposals.cascade.sampler import GraspSampler
+    from ..proposals.heuristic import SCREENING_DRAWS, Heuristic
+
+    if model in ("heuristic", "screened"):
+        from ..hands import load_hand
+
+        return Heuristic(load_hand(hand or "shadow"), load_prior(prior), SCREENING_DRAWS if model == "screened" else 1)
+    if prior is not None:
+        raise InputError(f"a prior is the heuristic's; give --model heuristic or screened with it, got --model {model}")
+    shipped = model == "default" or (os.sep not in model and not Path(model).exists())
+    sampler = GraspSampler.pretrained(model) if shipped else GraspSampler.load(model)
+    if hand is not None:
+        from ..hands import load_hand
+
+        asked = load_hand(hand)
+        if set(asked.joint_names) != set(sampler.hand.joint_names):
+            raise InputError(
+                f"model {model!r} is for {sampler.hand.name}; {asked.name} has other joints. Train a model for it, or "
+                "give --model screened with a --prior of its own"
+            )
+    return sampler
+
+
+def load_executing_hand(hand: str | None, proposal: Proposal) -> Hand:
+    """Load the hand that executes a proposal's grasps: the one asked for, else the proposal's own."""
+    from ..hands import load_hand, shipped_hands
+
+    own = proposal.hand
+    if hand is None and own.mjcf is None and own.name not in {load_hand(name).name for name in shipped_hands()}:
+        raise InputError(f"model {proposal.name!r} is for {own.name}, which is not shipped; give its file with --hand")
+    return own if hand is None and own.mjcf is not None else load_hand(hand or own.name)
 
 
 class Bar:
@@ -90,24 +194,18 @@ class Bar:
         """Move on by some steps."""
         self.show(self._done + steps)
 
-    def show(self, done: int, total: int | None = None, note: str | None = None, title: str | None = None) -> None:
-        """Set what is done, and where given the total, the note beside the bar and the title."""
+    def show(self, done: int, total: int | None = None, note: str | None = None) -> None:
+        """Set what is done, and where given the total and the note beside the bar."""
         self._done = done
         self._total = self._total if total is None else total
         self._note = self._note if note is None else note
-        self._title = self._title if title is None else title
-        if self._progress is None or self._task is None:
-            self._say()
-            return
-        self._progress.update(self._task, completed=done, total=self._total, description=self._title, note=self._note)
-
-    def _say(self) -> None:
-        if self._clock() - self._said_at < _SAY_EVERY_S:
-            return
-        self._said_at = self._clock()
-        of_all = "" if self._total is None else f" of {self._total}"
-        note = f", {self._note}" if self._note else ""
-        print(f"{self._title}: {self._done}{of_all}{note}", file=sys.stderr, flush=True)
+        if self._progress is not None and self._task is not None:
+            self._progress.update(self._task, completed=done, total=self._total, note=self._note)
+        elif self._clock() - self._said_at >= _SAY_EVERY_S:
+            self._said_at = self._clock()
+            of_all = "" if self._total is None else f" of {self._total}"
+            note = f", {self._note}" if self._note else ""
+            print(f"{self._title}: {self._done}{of_all}{note}", file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -116,23 +214,10 @@ def bar(title: str, total: int | None = None) -> Iterator[Bar]:
     if not sys.stderr.isatty():
         yield Bar(None, total, title)
         return
+    from rich import progress as rich
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[note]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    title_and_done = rich.TextColumn("{task.description}"), rich.BarColumn(), rich.MofNCompleteColumn()
+    note_and_time = rich.TextColumn("{task.fields[note]}"), rich.TimeElapsedColumn(), rich.TimeRemainingColumn()
+    with rich.Progress(*title_and_done, *note_and_time, console=Console(stderr=True)) as progress:
         yield Bar(progress, total, title)

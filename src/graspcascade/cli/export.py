@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from tyro.conf import Positional, arg
 
-from ..errors import FileFormatError, InputError
-from ..formats import (
-    FORMATS_BY_NAME,
-    Assumptions,
-    ExportOptions,
-    GraspDocument,
-    check_target,
-    load_document,
-    save_grasps,
-)
-from ..poses import Pose
-from .console import bar, print_json
-from .sample import PoseNumbers
-
-if TYPE_CHECKING:
-    from ..trials import Outcomes
+from ..core.errors import FileFormatError, InputError
+from ..core.grasps import Grasps
+from ..core.objects import as_object
+from ..core.outcomes import Outcomes
+from ..core.taxonomy import as_type
+from ..formats import FORMATS_BY_NAME, Assumptions, ExportOptions, check_target, load_document, save_grasps
+from ..formats.registry import format_to_write
+from ..hands import Hand, load_hand
+from . import console
+from .console import HandName, Json, PoseNumbers, Trust
 
 _FORMAT_HELP = "Format to write; by default the suffix of --out says. One of " + "; ".join(
-    f"{name} ({found.description})" for name, found in FORMATS_BY_NAME.items()
+    f"{name} ({known.description})" for name, known in FORMATS_BY_NAME.items()
 )
 
 
@@ -43,78 +38,84 @@ class Export:
     out: Path
     """File to write, or for dexgraspbench, and several objects, a new folder."""
     format: Annotated[str | None, arg(help=_FORMAT_HELP + ".", metavar="NAME")] = None
-    """Format to write."""
     from_format: Annotated[str | None, arg(metavar="NAME")] = None
-    """Format of GRASPS; by default found from its suffix and content."""
-    trust_pickle: bool = False
-    """Read pickled .npy files, which run whatever code they carry: only from a source you trust."""
+    """Format of GRASPS; by default told by its suffix and content."""
+    trust_pickle: Trust = False
     grasp_type: str | None = None
     """Type of grasps whose file does not say."""
-    object_label: str | None = None
-    """Catalogue object that the file's object is, where its name does not say."""
+    object: str | None = None
+    """What the file's object is, where its name does not say: a catalogue name or a size."""
     side_axis: str | None = None
     """Side axis (x, y or z) of grasps whose file does not say; by default the one nearest to the opposition axis."""
+    hand: HandName = "shadow"
     evaluation: Path | None = None
     """Evaluation (JSON) of the model: its held rates become the confidence of grasps without a probability, instead of
     those that came with the model the grasps were sampled from."""
-    settle: bool = False
-    """Try the grasps in physics first and write joints and object pose in contact, where a format has them."""
+    settle: bool | None = None
+    """Try the grasps in physics first and write joints and object pose in contact, where a format has them. By default
+    formats that mean a hand in contact (dexgraspbench, dexgraspnet) are settled, others not."""
     object_pose: Annotated[PoseNumbers | None, arg(metavar="X Y Z QW QX QY QZ")] = None
     """Object pose in the world, metres and a unit quaternion, instead of the one GRASPS may give."""
     frame_id: str | None = None
-    """Name of the frame that poses are in (moveit_grasp)."""
+    """Name of the frame that poses are in (moveit_grasp); '' for the object's own."""
     parent_link: Literal["forearm", "palm"] = "forearm"
     """Link whose pose is stated (moveit_grasp)."""
+    frame_keys: Literal["frame", "frame_link"] = "frame"
+    """Whether isaac_grasp says object_frame or object_frame_link, and the same of the gripper."""
     joint_prefix: str = ""
     """Put before link and joint names, such as rh_ (isaac_grasp, moveit_grasp)."""
+    joint_numbering: Literal[0, 1] = 1
+    """Number of the outermost joints in names, read and written; older Shadow models begin with 0."""
     object_root: str | None = None
     """Folder that object paths are written under (dexgraspbench); by default that of the export itself."""
-    json: bool = False
-    """Print JSON."""
+    json: Json = False
 
     def run(self) -> None:
         """Read, then write."""
         check_target(self.out, self.format)
+        settle = format_to_write(self.out, self.format).contact if self.settle is None else self.settle
         rates = {} if self.evaluation is None else _rates(self.evaluation)
-        assume = Assumptions(self.grasp_type, self.object_label, self.side_axis)
-        found = load_document(self.grasps, self.from_format, trust_pickle=self.trust_pickle, assume=assume)
-        if not len(found.grasps):
+        hand, placed = load_hand(self.hand), console.object_pose(self.object_pose)
+        kind = None if self.grasp_type is None else as_type(self.grasp_type).name
+        obj = None if self.object is None else as_object(self.object)
+        assume = Assumptions(kind, obj, self.side_axis, self.joint_numbering, hand)
+        document = load_document(self.grasps, self.from_format, trust_pickle=self.trust_pickle, assume=assume)
+        grasps = document.grasps
+        if not len(grasps):
             raise InputError(f"{self.grasps} holds no grasps")
-        placed = found.X_world_object
-        if self.object_pose is not None:
-            placed = Pose.of(self.object_pose[:3], self.object_pose[3:])
+        for note in document.notes:
+            print(f"graspcascade export: {note}", file=sys.stderr)
         options = ExportOptions(
             held_rates=rates,
-            outcomes=_outcomes(found) if self.settle else None,
+            outcomes=_settle(grasps, hand) if settle else None,
+            contact="settled" if settle else "target",
             frame_id=self.frame_id,
+            frame_keys=self.frame_keys,
             parent_link=self.parent_link,
             joint_prefix=self.joint_prefix,
+            joint_numbering=self.joint_numbering,
             object_root=self.object_root,
+            hand=hand,
         )
-        save_grasps(
-            self.out,
-            found.grasps,
-            metadata=found.metadata,
-            X_world_object=placed,
-            format=self.format,
-            options=options,
-        )
-        unknown = int(np.isnan(options.with_rates_of(found.metadata).confidence(found.grasps)).sum())
-        reached = None if options.outcomes is None else int(options.outcomes.held.sum())
+        placed = document.X_world_object if placed is None else placed
+        metadata = document.metadata
+        save_grasps(self.out, grasps, metadata=metadata, X_world_object=placed, format=self.format, options=options)
+        unknown = int(np.isnan(options.with_rates_of(metadata).confidence(grasps)).sum())
+        held = None if options.outcomes is None else int(options.outcomes.held.sum())
         if self.json:
-            print_json({"out": str(self.out), "n": len(found.grasps), "without_confidence": unknown, "held": reached})
+            console.print_json({"out": str(self.out), "n": len(grasps), "without_confidence": unknown, "held": held})
             return
-        print(f"wrote {len(found.grasps)} grasps to {self.out}")
-        if reached is not None:
-            print(f"{reached} of them held in the trial")
+        print(f"wrote {len(grasps)} grasps to {self.out}")
+        if held is not None:
+            print(f"{held} of them held in the trial")
         if unknown and self.format in ("isaac_grasp", "moveit_grasp"):
             print(f"{unknown} of them have no measured confidence and say 0: --evaluation FILE.json gives it")
 
 
 def _rates(path: Path) -> dict[tuple[str, str], float]:
     # Evaluations load the physics engine.
-    from ..evaluation import Evaluation
     from ..formats import held_rates
+    from ..studies.record import Evaluation
 
     try:
         return held_rates(Evaluation.load(path))
@@ -122,8 +123,8 @@ def _rates(path: Path) -> dict[tuple[str, str], float]:
         raise FileFormatError(f"{error} (--evaluation takes what `graspcascade evaluate --json` prints)") from error
 
 
-def _outcomes(found: GraspDocument) -> Outcomes:
-    from ..trials import PAPER, run
+def _settle(grasps: Grasps, hand: Hand) -> Outcomes:
+    from ..engines import run_trials
 
-    with bar("trials", len(found.grasps)) as progress:
-        return run(found.grasps, PAPER, progress=progress.advance)
+    with console.bar("trials", len(grasps)) as progress:
+        return run_trials(grasps, hand=hand, progress=progress.advance)

@@ -6,32 +6,19 @@ import contextlib
 import importlib
 import io
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from ..errors import InputError, check_name
+from ..core.errors import InputError, check_name
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
-class Command(Protocol):
-    """A command with its arguments: a frozen dataclass whose fields tyro reads."""
-
-    def run(self) -> None:
-        """Do it."""
-
-
-@dataclass(frozen=True)
-class Verb:
-    """Say where a command is and what it does.
-
-    Attributes:
-        module: module of this package whose class of the verb's name is the command; importing it is its own cost.
-        summary: one line for the list of commands.
-        resume: how to go on after an interruption, empty where nothing is kept.
-    """
+class Verb(NamedTuple):
+    """A module of this package, whose class of the verb's name is the command; a line on it; how to go on with it."""
 
     module: str
     summary: str
@@ -39,34 +26,43 @@ class Verb:
 
 
 _AGAIN = "what is finished is kept: run the same command again to go on"
-
 VERBS: Mapping[str, Verb] = {
-    "sample": Verb("sample", "grasps of a type for an object, from a trained cascade"),
-    "trial": Verb("trial", "execute the grasps of a file in physics"),
-    "evaluate": Verb("evaluate", "success rates of a model or of the heuristic", f"with --out, {_AGAIN}"),
-    "seeds": Verb("postures", "labelled seed postures by inverse kinematics"),
-    "prior": Verb("postures", "train the posture prior from seeds or recordings"),
-    "collect": Verb("collect", "collect trials of the heuristic as a dataset", _AGAIN),
-    "train": Verb("train", "train a cascade on a dataset"),
-    "report": Verb("report", "the results page from committed evaluations, and the figures"),
-    "bench": Verb("bench", "how fast trials, sampling and training are on this machine"),
+    "sample": Verb("sample", "grasps of a type for an object, from a trained cascade or the heuristic"),
+    "trial": Verb("trials", "execute the grasps of a file in physics"),
+    "evaluate": Verb("trials", "success rates of a model or of the heuristic", f"with --out, {_AGAIN}"),
+    "seeds": Verb("learning", "labelled seed postures by inverse kinematics"),
+    "prior": Verb("learning", "train the posture prior from seeds or recordings"),
+    "collect": Verb("learning", "collect trials of the heuristic as a dataset", _AGAIN),
+    "train": Verb("learning", "train a cascade on a dataset"),
     "view": Verb("view", "a web page: sample, see, try and download grasps"),
     "export": Verb("export", "write the grasps of a file in another format"),
     "hands": Verb("catalogue", "list the hands, or show one's joints, limits and frames"),
     "objects": Verb("catalogue", "list the objects and their graspable sides"),
-    "completion": Verb("completion", "a completion script for bash or zsh"),
+    "completion": Verb("catalogue", "a completion script for bash or zsh"),
 }
 """Every command by name, in the order of the workflow."""
 
+_OVERVIEW = """\
+usage: graspcascade COMMAND [OPTIONS]
+
+Precision grasps of an asked type for a dexterous hand: joint angles and hand pose, learned from physics.
+For example: graspcascade sample tripod box_medium --side-cm 3
+
+commands:
+{}
+
+graspcascade COMMAND --help says what a command takes; graspcascade --version names the version."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line and give its exit status: 0 done, 2 bad arguments or input, 1 anything else."""
+    """Run a command line and return its exit status: 0 done, 2 bad arguments or input, 1 anything else."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     name = arguments[0] if arguments else ""
+    _open_streams()
     try:
-        status = _run(name, arguments[1:])
+        _run(name, arguments[1:])
         sys.stdout.flush()
-        return status
+        return DONE
     except InputError as error:
         return _fail(name, str(error), BAD_INPUT)
     except BrokenPipeError:
@@ -80,33 +76,45 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(name, "interrupted" + (f"; {resume}" if resume else ""), INTERRUPTED)
 
 
-def _run(name: str, arguments: list[str]) -> int:
+def _open_streams() -> None:
+    # A stream is None where the caller closed it.
+    sys.stdout, sys.stderr = (stream or Path(os.devnull).open("w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # What is printed may quote what no terminal can show, such as half of a surrogate pair.
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _run(name: str, arguments: list[str]) -> None:
     if name in ("-h", "--help"):
-        print(_overview())
-        return DONE
-    if name == "--version":
+        width = max(map(len, VERBS))
+        print(_OVERVIEW.format("\n".join(f"  {name:<{width}}  {verb.summary}" for name, verb in VERBS.items())))
+    elif name == "--version":
         from importlib.metadata import version
 
         print(f"graspcascade {version('graspcascade')}")
-        return DONE
-    if not name:
+    elif not name:
         raise InputError(f"give a command: {', '.join(VERBS)} (see graspcascade --help)")
-    check_name("command", name, VERBS)
-    module = importlib.import_module(f".{VERBS[name].module}", __package__)
-    command = _parse(name, getattr(module, name.capitalize()), arguments)
-    if command is not None:
-        command.run()
-    return DONE
+    else:
+        check_name("command", name, VERBS)
+        command = _parse(name, arguments)
+        if command is not None:
+            command.run()
+
+
+def command_class(name: str) -> Any:
+    """Load the command of a verb: a frozen dataclass whose fields tyro reads and whose `run()` does it."""
+    return getattr(importlib.import_module(f".{VERBS[name].module}", __package__), name.capitalize())
 
 
 def tyro_config() -> tuple[Any, ...]:
-    """Give the markers under which tyro reads every command."""
+    """List the markers under which tyro reads every command."""
     import tyro
 
-    return (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone)
+    return (tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone)
 
 
-def _parse(name: str, verb: type[Command], arguments: list[str]) -> Command | None:
+def _parse(name: str, arguments: list[str]) -> Any:
     """Let tyro read the arguments; None when it has printed help.
 
     Raises:
@@ -114,15 +122,10 @@ def _parse(name: str, verb: type[Command], arguments: list[str]) -> Command | No
     """
     import tyro
 
-    complaint = io.StringIO()
+    verb, complaint = command_class(name), io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
-            return tyro.cli(
-                verb,
-                args=arguments,
-                prog=f"graspcascade {name}",
-                config=tyro_config(),
-            )
+            return tyro.cli(verb, args=arguments, prog=f"graspcascade {name}", config=tyro_config())
     except SystemExit as stop:
         if not stop.code:
             return None
@@ -130,10 +133,15 @@ def _parse(name: str, verb: type[Command], arguments: list[str]) -> Command | No
 
 
 def _gist(complaint: str) -> str:
-    """Take the first section out of tyro's box: what follows the rule repeats the help."""
-    lines = [line.strip(" │") for line in complaint.splitlines() if not line.startswith(("╭", "╰"))]
-    rule = next((i for i, line in enumerate(lines) if line.startswith("──")), len(lines))
-    return _one_line(" ".join(lines[:rule])) or "the arguments cannot be used"
+    """Take the first section out of tyro's box, in plainer words: what follows the rule repeats the help."""
+    sections = re.split(r"\n[│ ]*[─-]{8,}[│ ]*(?=\n)", complaint)
+    # On a terminal without box characters a rule also follows the title.
+    lines = sections[0 if complaint.startswith("╭") else 1 % len(sections)].splitlines()
+    gist = _one_line(" ".join(line.strip(" │") for line in lines if not line.startswith("╭")))
+    gist = re.sub(r"^Error parsing (?!-)\S+: ", "", gist)
+    gist = re.sub(r"no type matching .*? could be instantiated from (\[.*?\])\..*", r"unfit values \1", gist)
+    gist = re.sub(r"invalid literal for int\(\) with base 10: ", "a whole number is needed, got ", gist)
+    return gist.replace("could not convert string to float: ", "a number is needed, got ") or "unusable arguments"
 
 
 def _one_line(text: str) -> str:
@@ -141,23 +149,5 @@ def _one_line(text: str) -> str:
 
 
 def _fail(name: str, message: str, status: int) -> int:
-    who = f"graspcascade {name}" if name in VERBS else "graspcascade"
-    print(f"{who}: {_one_line(message)}", file=sys.stderr)
+    print(f"graspcascade {name}:" if name in VERBS else "graspcascade:", _one_line(message), file=sys.stderr)
     return status
-
-
-def _overview() -> str:
-    width = max(map(len, VERBS))
-    lines = [f"  {name:<{width}}  {verb.summary}" for name, verb in VERBS.items()]
-    return "\n".join(
-        [
-            "usage: graspcascade COMMAND [OPTIONS]",
-            "",
-            "Precision grasps for a five-fingered hand, learned from physics.",
-            "",
-            "commands:",
-            *lines,
-            "",
-            "graspcascade COMMAND --help says what a command takes; graspcascade --version names the version.",
-        ]
-    )

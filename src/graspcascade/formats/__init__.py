@@ -6,16 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..errors import FileFormatError, InputError
-from ..files import write_folder_staged, write_staged
-from ..grasps import Grasps
-from ..hands import HandDescription
-from ..poses import Pose
-from .document import SCHEMA_VERSION, GraspDocument
-from .native_json import document_to_json
+from ..core.errors import InputError
+from ..core.files import write_folder_staged, write_staged
+from ..core.grasps import Grasps
+from ..core.poses import Pose
+from ..hands import Hand
+from .document import SCHEMA_VERSION, GraspDocument, place
+from .native import document_to_json
 from .options import Assumptions, ExportOptions, held_rates
-from .places import check_file_place, check_folder_place
-from .registry import FORMATS, FORMATS_BY_NAME, GraspFormat, format_to_read, format_to_write
+from .registry import FORMATS, FORMATS_BY_NAME, GraspFormat, check_file_place, format_to_read, format_to_write
 
 __all__ = [
     "FORMATS",
@@ -56,12 +55,18 @@ def save_grasps(
         options: what else to write, for formats that have a place for it.
 
     Raises:
-        InputError: an unknown format or suffix, no such folder, or values a file cannot hold.
+        InputError: an unknown format or suffix, no such folder, values a file cannot hold, or a format that states the
+            hand in contact (`GraspFormat.contact`) and neither trials nor that targets will do.
     """
     path = Path(path)
     chosen = format_to_write(path, format)
-    _check_place(chosen, path)
+    chosen.check_place(path)
     options = (ExportOptions() if options is None else options).with_rates_of(metadata)
+    if chosen.contact and options.outcomes is None and options.contact == "settled" and len(grasps):
+        raise InputError(
+            f"{chosen.name} states the hand in contact, which only a trial tells: give outcomes=run_trials(grasps), or "
+            "contact='target' (--no-settle) to state the targets, which lie inside the object"
+        )
     if options.outcomes is not None and len(options.outcomes) != len(grasps):
         raise InputError(f"there are {len(options.outcomes)} outcomes for {len(grasps)} grasps")
     document = GraspDocument(grasps, metadata, X_world_object)
@@ -103,19 +108,17 @@ def load_document(
             f"{path} holds pickled Python objects, and reading those runs whatever code the file carries; if you trust "
             "where it comes from, pass trust_pickle=True (--trust-pickle on the command line)"
         )
-    try:
+    with place(str(path)):
         return chosen.read(path, Assumptions() if assume is None else assume)
-    except FileFormatError as error:
-        raise FileFormatError(f"{path}: {error}") from error
 
 
-def load_executable(path: Path | str, hand: HandDescription, *, trust_pickle: bool = False) -> GraspDocument:
+def load_executable(path: Path | str, hand: Hand, *, trust_pickle: bool = False) -> GraspDocument:
     """Read a file of grasps that a hand is to execute; see `load_document`.
 
     Raises:
         InputError: it holds no grasps or lacks joints of the hand.
     """
-    document = load_document(path, trust_pickle=trust_pickle)
+    document = load_document(path, trust_pickle=trust_pickle, assume=Assumptions(hand=hand))
     if not len(document.grasps):
         raise InputError(f"{path} holds no grasps")
     missing = [name for name in hand.joint_names if name not in document.grasps.joint_names]
@@ -131,11 +134,4 @@ def check_target(path: Path | str, format: str | None = None) -> None:
         InputError: an unknown format or suffix, no such folder, or something in the way.
     """
     path = Path(path)
-    _check_place(format_to_write(path, format), path)
-
-
-def _check_place(chosen: GraspFormat, path: Path) -> None:
-    if chosen.writes_folder(path):
-        check_folder_place(path)
-    else:
-        check_file_place(path)
+    format_to_write(path, format).check_place(path)

@@ -6,156 +6,154 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..errors import FileFormatError
-from ..hands import SHADOW_HAND, shadow_hand
-from ..poses import Pose
-from .document import GraspDocument, world_pose
-from .notes import (
-    KEY,
-    ForeignGrasp,
-    check_whole,
-    file_notes,
-    foreign_document,
-    grasp_notes,
-    mapping,
-    numbers,
-    pose,
-    shadow_joints,
-)
-from .options import PARENT_LINKS, Assumptions, ExportOptions
-from .yaml_text import dump_yaml, load_yaml
+from ..core.errors import FileFormatError, InputError
+from ..core.grasps import Grasps
+from ..core.poses import Pose, rotate
+from ..core.yaml_files import dump_yaml, load_yaml
+from ..hands import Hand
+from . import foreign
+from .document import GraspDocument, hand_of, mapping, numbers, place, pose_of, world_pose
+from .foreign import KEY, ForeignGrasp
+from .options import Assumptions, ExportOptions
 
 MESSAGE = "moveit_msgs/msg/Grasp"
+FOREARM = "forearm"
 _NOW = {"sec": 0, "nanosec": 0}
+_STRAIGHT_RAD = 1e-6
+_PALM_NORMAL = np.array([0.0, -1.0, 0.0])
+"""In the hand frame."""
 CONVENTIONS = {
-    "grasp_pose": "pose of the parent link in header.frame_id, metres, quaternion x y z w by name",
+    "grasp_pose": "pose of the parent link in header.frame_id, metres, quaternion x y z w by name; an empty "
+    "frame_id is the object's own frame",
     "pre_grasp_posture, grasp_posture": "one point each, radians, in the order of its joint_names",
     "grasp_quality": "chance to hold; 0 where it was not measured",
-    "pre_grasp_approach": "along the straight fingers (z of the parent link)",
-    "post_grasp_retreat": "upwards (z of the world) where poses are in the world, else back along the fingers",
+    "pre_grasp_approach": "the way the palm faces (-y of the hand frame), in the parent link's frame",
+    "post_grasp_retreat": "upwards (z of the world) where poses are in the world, else the way the palm came",
+    "post_place_retreat": "the way the palm came",
 }
 
 
 def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
-    """Write a list of messages.
-
-    Raises:
-        InputError: a value that no reader would take.
-    """
-    notes = file_notes(document, CONVENTIONS)
-    grasps, prefix = document.grasps, options.joint_prefix
-    placed = document.X_world_object
-    X_frame_hand = grasps.X_hand_object.inverse() if placed is None else grasps.hand_pose(placed)
-    parent = X_frame_hand @ _pose_in_hand(options.parent_link)
-    wrist = SHADOW_HAND.wrist_joints if options.parent_link == "forearm" else ()
-    names = [prefix + name for name in (*wrist, *grasps.joint_names)]
-    quality = np.nan_to_num(options.confidence(grasps), nan=0.0).tolist()
-    link = prefix + options.parent_link
+    """Write a list of messages."""
+    grasps = document.grasps
+    hand, columns, written = foreign.joints_to_write(grasps, options)
+    _check_straight(grasps, hand)
+    notes = foreign.file_notes(document, CONVENTIONS, options.joint_numbering)
+    placed = None if options.frame_id == "" else document.X_world_object
+    wrist = hand.wrist_joints if options.parent_link == FOREARM else ()
+    part = FOREARM if wrist else hand.body
+    X_hand_link = _link_in_hand(hand, part)
+    parent = (grasps.X_hand_object.inverse() if placed is None else grasps.hand_pose(placed)) @ X_hand_link
+    facing = rotate(X_hand_link.inverse().quat_wxyz, _PALM_NORMAL)
+    names = [written[name] for name in (*wrist, *hand.joint_names)]
+    confidence = np.nan_to_num(options.confidence(grasps), nan=0.0)
+    link, straight = options.joint_prefix + part, [0.0] * len(wrist)
     messages = []
-    for i in range(len(grasps)):
-        label = str(grasps.object_label[i])
-        frame = options.frame_id or (label if placed is None else "world")
-        lift = _translation(link, -1.0, options.retreat_m)
-        back = lift if placed is None else _translation(frame, 1.0, options.retreat_m)
+    for i, name in enumerate(grasps.object_name.tolist()):
+        frame = (name if placed is None else "world") if options.frame_id is None else options.frame_id
+        back = _translation(link, -facing, options.retreat_m)
+        up = _translation(frame, np.array([0.0, 0.0, 1.0]), options.retreat_m)
         messages.append(
             {
-                "id": f"{grasps.grasp_type[i]}/{label}/{i}",
-                "pre_grasp_posture": _trajectory(names, [0.0] * len(wrist) + grasps.pregrasp[i].tolist()),
-                "grasp_posture": _trajectory(names, [0.0] * len(wrist) + grasps.posture[i].tolist()),
+                "id": f"{grasps.grasp_type[i]}/{name}/{i}",
+                "pre_grasp_posture": _trajectory(names, straight + grasps.pregrasp[i, columns].tolist()),
+                "grasp_posture": _trajectory(names, straight + grasps.posture[i, columns].tolist()),
                 "grasp_pose": {"header": _header(frame), "pose": _pose_fields(parent, i)},
-                "grasp_quality": quality[i],
-                "pre_grasp_approach": _translation(link, 1.0, options.approach_m),
-                "post_grasp_retreat": back,
-                "post_place_retreat": lift,
+                "grasp_quality": float(confidence[i]),
+                "pre_grasp_approach": _translation(link, facing, options.approach_m),
+                "post_grasp_retreat": back if placed is None else up,
+                "post_place_retreat": back,
                 "max_contact_force": 0.0,
-                "allowed_touch_objects": [label],
+                "allowed_touch_objects": [name],
             }
         )
     data = {
         "message": MESSAGE,
         "parent_link": link,
         # Before the grasps, so that a file cut off among them can be told from a whole one.
-        KEY: notes | {"grasps": grasp_notes(grasps)},
+        KEY: notes | {"grasps": foreign.grasp_notes(document, confidence)},
         "grasps": messages,
     }
     dump_yaml(path, data, f"{MESSAGE}: poses of {link}, metres and radians; the wrist is straight")
 
 
 def read(path: Path, assume: Assumptions) -> GraspDocument:
-    """Read a list of messages.
-
-    Raises:
-        FileFormatError: it is truncated or foreign, or does not say which link its poses are of.
-        InputError: something it does not say and nothing is assumed for.
-    """
+    """Read a list of messages."""
     data = load_yaml(path)
     if not isinstance(data, Mapping) or not isinstance(data.get("grasps"), list):
         raise FileFormatError("not a file of moveit_msgs/Grasp messages (no list 'grasps')")
-    link = str(data.get("parent_link"))
-    known = next((name for name in PARENT_LINKS if link.endswith(name)), None)
-    if known is None:
-        raise FileFormatError(f"parent_link is {link!r}; only poses of {' or '.join(PARENT_LINKS)} can be read")
-    notes = mapping(data.get(KEY))
-    return foreign_document(_grasps(data["grasps"], known, notes), notes, assume)
+    notes, link = mapping(data.get(KEY)), str(data.get("parent_link"))
+    hand = hand_of(notes, assume.hand)
+    links = [FOREARM, hand.body] if hand.wrist_joints else [hand.body]
+    part = next((name for name in links if link.endswith(name)), None)
+    if part is None:
+        raise FileFormatError(f"parent_link is {link!r}; only poses of {' or '.join(links)} can be read")
+    foreign.check_whole(notes, len(data["grasps"]))
+    numbering, placed = notes.get("joint_numbering", assume.joint_numbering), world_pose(notes)
+    rows, noted = [], notes.get("grasps", [{}] * len(data["grasps"]))
+    for i, (message, row) in enumerate(zip(data["grasps"], noted, strict=True)):
+        with place(f"grasp {i}"):
+            if not isinstance(message, Mapping):
+                raise FileFormatError("is not a mapping")
+            opened, target = (
+                _angles(message.get(what), what, hand, part, numbering)
+                for what in ("pre_grasp_posture", "grasp_posture")
+            )
+            X_hand_object, name = _object(message, mapping(row), _link_in_hand(hand, part), placed)
+        quality = message.get("grasp_quality")
+        rows.append(ForeignGrasp(target, opened, X_hand_object, name, confidence=quality, notes=mapping(row)))
+    return foreign.foreign_document(rows, [notes], assume, hand)
 
 
-def _grasps(messages: list[Any], link: str, notes: Mapping[str, Any]) -> Iterator[ForeignGrasp]:
-    check_whole(notes, len(messages))
-    placed, rows = world_pose(notes), notes.get("grasps", [{}] * len(messages))
-    for i, (message, row) in enumerate(zip(messages, rows, strict=True)):
-        try:
-            yield _grasp(message, link, placed, mapping(row))
-        except FileFormatError as error:
-            raise FileFormatError(f"grasp {i}: {error}") from error
-
-
-def _grasp(message: object, link: str, placed: Pose | None, notes: Mapping[str, Any]) -> ForeignGrasp:
-    if not isinstance(message, Mapping):
-        raise FileFormatError("is not a mapping")
+def _object(
+    message: Mapping[str, Any], notes: Mapping[str, Any], X_hand_link: Pose, X_world_object: Pose | None
+) -> tuple[Pose, str | None]:
+    """Read the object's pose in the hand frame, and its name."""
     stamped = mapping(message.get("grasp_pose"))
-    fields = mapping(stamped.get("pose"))
-    place, turn = mapping(fields.get("position")), mapping(fields.get("orientation"))
-    parent = pose([place.get(k) for k in "xyz"], [turn.get(k) for k in "wxyz"], "grasp_pose")
-    X_frame_hand = parent @ _pose_in_hand(link).inverse()
-    # Poses are in the object's own frame unless the notes say where in that frame the object is.
-    X_hand_object = X_frame_hand.inverse() if placed is None else X_frame_hand.inverse() @ placed
-    frame, touched = mapping(stamped.get("header")).get("frame_id"), message.get("allowed_touch_objects")
-    named = touched[0] if isinstance(touched, list) and touched else frame
-    if not notes and frame != named:
+    fields, frame = mapping(stamped.get("pose")), mapping(stamped.get("header")).get("frame_id")
+    point, turn = mapping(fields.get("position")), mapping(fields.get("orientation"))
+    parent = pose_of([point.get(k) for k in "xyz"], [turn.get(k) for k in "wxyz"], "grasp_pose")
+    X_hand_object = X_hand_link @ parent.inverse()
+    if X_world_object is not None and frame != "":
+        # Poses are in the object's own frame unless the notes say where in theirs the object is.
+        X_hand_object = X_hand_object @ X_world_object
+    touched = message.get("allowed_touch_objects")
+    named = touched[0] if isinstance(touched, list) and touched else frame or None
+    if not notes and frame not in (named, ""):
         raise FileFormatError(f"its pose is in frame {frame!r}, and where in that the object is, the file does not say")
-    return ForeignGrasp(
-        _angles(message.get("grasp_posture"), "grasp_posture", link),
-        _angles(message.get("pre_grasp_posture"), "pre_grasp_posture", link),
-        X_hand_object,
-        None if named is None else str(named),
-        notes,
-    )
+    return X_hand_object, None if named is None else str(named)
 
 
-def _angles(trajectory: object, what: str, link: str) -> dict[str, float]:
-    found = mapping(trajectory)
-    names, points = found.get("joint_names"), found.get("points")
+def _angles(trajectory: object, what: str, hand: Hand, link: str, numbering: int) -> dict[str, float]:
+    given = mapping(trajectory)
+    names, points = given.get("joint_names"), given.get("points")
     if not isinstance(names, list) or not isinstance(points, list) or not points:
         raise FileFormatError(f"{what} is not a trajectory with joint names and a point")
     positions = numbers(mapping(points[-1]).get("positions"), len(names), f"{what} positions")
     angles = dict(zip(map(str, names), positions, strict=True))
-    bent = [n for n, angle in angles.items() if n.endswith(SHADOW_HAND.wrist_joints) and abs(angle) > 1e-6]
-    if bent and link == "forearm":
+    wrist = tuple(foreign.numbered(hand.wrist_joints, numbering).values()) if link == FOREARM else ()
+    bent = [name for name, angle in angles.items() if name.endswith(wrist) and abs(angle) > _STRAIGHT_RAD]
+    if bent:
         raise FileFormatError(f"{what} bends the wrist ({', '.join(bent)}); only a straight wrist can be read")
-    return shadow_joints(angles, what)
+    return foreign.pick_joints(angles, hand.joint_names, what, numbering)
 
 
-def _pose_in_hand(link: str) -> Pose:
-    """Give the pose of a parent link in the hand frame, wrist straight."""
-    if link == SHADOW_HAND.hand_body:
-        return Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-    return shadow_hand().X_forearm_hand.inverse()
+def _check_straight(grasps: Grasps, hand: Hand) -> None:
+    for name in set(hand.wrist_joints) & set(grasps.joint_names):
+        column = grasps.joint_names.index(name)
+        if np.abs([grasps.posture[:, column], grasps.pregrasp[:, column]]).max(initial=0.0) > _STRAIGHT_RAD:
+            raise InputError(f"the grasps bend the wrist ({name}); only a straight wrist can be written")
+
+
+def _link_in_hand(hand: Hand, link: str) -> Pose:
+    """Compute the pose of a parent link in the hand frame, wrist straight."""
+    return (hand.X_base_hand if link == FOREARM else hand.X_body_hand).inverse()
 
 
 def _header(frame: str) -> dict[str, Any]:
@@ -168,13 +166,14 @@ def _trajectory(names: list[str], positions: list[float]) -> dict[str, Any]:
 
 
 def _pose_fields(poses: Pose, row: int) -> dict[str, Any]:
-    place, turn = poses.position_m[row].tolist(), poses.quat_wxyz[row].tolist()
+    point, turn = poses.position_m[row].tolist(), poses.quat_wxyz[row].tolist()
     return {
-        "position": dict(zip("xyz", place, strict=True)),
+        "position": dict(zip("xyz", point, strict=True)),
         "orientation": dict(zip("xyzw", [*turn[1:], turn[0]], strict=True)),
     }
 
 
-def _translation(frame: str, z: float, distance_m: float) -> dict[str, Any]:
-    direction = {"header": _header(frame), "vector": {"x": 0.0, "y": 0.0, "z": z}}
+def _translation(frame: str, vector: np.ndarray[Any, Any], distance_m: float) -> dict[str, Any]:
+    # Adding 0 takes the sign off a zero.
+    direction = {"header": _header(frame), "vector": dict(zip("xyz", (vector + 0.0).tolist(), strict=True))}
     return {"direction": direction, "desired_distance": distance_m, "min_distance": distance_m / 2}

@@ -9,10 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
-from ..errors import FileFormatError, InputError, unknown
+from ..core.errors import FileFormatError, InputError, unknown
+from ..core.yaml_files import YAML_SUFFIXES, yaml_files
 from .document import GraspDocument
 from .options import Assumptions, ExportOptions
-from .yaml_text import YAML_SUFFIXES, yaml_files
 
 _SNIFF_BYTES = 4096
 
@@ -26,19 +26,23 @@ class GraspFormat:
         suffixes: of its files; the first is the one to write.
         description: what it is, in a few words.
         module: module of this package with its ``write`` and ``read``; loaded when used.
-        needs: packages it is read and written with, beyond numpy.
+        ending: of the names of those, where the module has several formats.
+        needs: packages it is read and written with that a plain install lacks.
         layout: ``file``; ``folder`` where an export is a folder; ``either`` where a file holds one object and a path
             without suffix makes a folder of such files.
         pickled: reading it runs whatever code the file carries.
+        contact: it states the hand in contact, which only a trial tells (see `ExportOptions.outcomes`).
     """
 
     name: str
     suffixes: tuple[str, ...]
     description: str
     module: str
+    ending: str = ""
     needs: tuple[str, ...] = ()
     layout: Literal["file", "folder", "either"] = "file"
     pickled: bool = False
+    contact: bool = False
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -47,7 +51,7 @@ class GraspFormat:
 
     def write(self, path: Path, document: GraspDocument, options: ExportOptions) -> None:
         """Put a document into a new file, or into an empty folder."""
-        self._module().write(path, document, options)
+        self._function("write")(path, document, options)
 
     def read(self, path: Path, assume: Assumptions) -> GraspDocument:
         """Take a document out of a file or folder.
@@ -56,57 +60,67 @@ class GraspFormat:
             FileFormatError: it is anything but sound and of this format.
             InputError: something it does not say and nothing is assumed for.
         """
-        found: GraspDocument = self._module().read(path, assume)
-        return found
+        document: GraspDocument = self._function("read")(path, assume)
+        return document
 
     def writes_folder(self, path: Path) -> bool:
         """Tell whether a path names a folder to be made rather than a file."""
         return self.layout == "folder" or (self.layout == "either" and path.suffix.lower() not in self.suffixes)
 
-    def _module(self) -> Any:
-        return importlib.import_module(f".{self.module}", __package__)
+    def check_place(self, path: Path) -> None:
+        """Check that a file, or where the format makes one a new folder, can be put somewhere.
+
+        Raises:
+            InputError: no such parent folder, or something in the way.
+        """
+        if not self.writes_folder(path):
+            check_file_place(path)
+            return
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise InputError(f"{path} exists and is not an empty folder; give another name")
+        _check_parent(path)
+
+    def _function(self, name: str) -> Any:
+        return getattr(importlib.import_module(f".{self.module}", __package__), name + self.ending)
 
 
+def check_file_place(path: Path) -> None:
+    """Check that a file can be put somewhere.
+
+    Raises:
+        InputError: no such folder, or a folder of that name.
+    """
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; give the name of a file")
+    _check_parent(path)
+
+
+def _check_parent(path: Path) -> None:
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {path.parent} to write {path.name} into")
+
+
+_PICKLED: dict[str, Any] = {"pickled": True, "contact": True}
+_ISAAC = "isaac_grasp YAML 1.0 of NVIDIA Isaac, one object a file"
+_BENCH = "DexGraspBench folder, one .npy a grasp, objects beside them"
+_NET = "DexGraspNet .npy, one object a file"
 FORMATS_BY_NAME: Mapping[str, GraspFormat] = {
-    found.name: found
-    for found in (
-        GraspFormat("json", (".json",), "native JSON, joints by name", "native_json"),
-        GraspFormat("parquet", (".parquet",), "native Parquet, one row a grasp", "native_parquet", needs=("pyarrow",)),
-        GraspFormat(
-            "isaac_grasp",
-            YAML_SUFFIXES,
-            "isaac_grasp YAML 1.0 of NVIDIA Isaac, one object a file",
-            "isaac_grasp",
-            needs=("yaml",),
-            layout="either",
-        ),
-        GraspFormat(
-            "moveit_grasp", YAML_SUFFIXES, "moveit_msgs/Grasp messages as YAML", "moveit_grasp", needs=("yaml",)
-        ),
-        GraspFormat(
-            "dexgraspbench",
-            (".npy",),
-            "DexGraspBench folder, one .npy a grasp, objects beside them",
-            "dexgraspbench",
-            layout="folder",
-            pickled=True,
-        ),
-        GraspFormat(
-            "dexgraspnet",
-            (".npy",),
-            "DexGraspNet .npy, one object a file",
-            "dexgraspnet",
-            layout="either",
-            pickled=True,
-        ),
+    known.name: known
+    for known in (
+        GraspFormat("json", (".json",), "native JSON, joints by name", "native", "_json"),
+        GraspFormat("parquet", (".parquet",), "native Parquet, one row a grasp", "native", "_parquet", ("pyarrow",)),
+        GraspFormat("isaac_grasp", YAML_SUFFIXES, _ISAAC, "isaac_grasp", layout="either"),
+        GraspFormat("moveit_grasp", YAML_SUFFIXES, "moveit_msgs/Grasp messages as YAML", "moveit_grasp"),
+        GraspFormat("dexgraspbench", (".npy",), _BENCH, "dexgrasp", "_bench", layout="folder", **_PICKLED),
+        GraspFormat("dexgraspnet", (".npy",), _NET, "dexgrasp", "_net", layout="either", **_PICKLED),
     )
 }
 """Every format by name."""
 
 FORMATS: Mapping[str, GraspFormat] = {
-    suffix: found
-    for found in FORMATS_BY_NAME.values()
-    for suffix in found.suffixes
+    suffix: known
+    for known in FORMATS_BY_NAME.values()
+    for suffix in known.suffixes
     if sum(suffix in other.suffixes for other in FORMATS_BY_NAME.values()) == 1
 }
 """Formats by the suffix that by itself picks them."""
@@ -120,14 +134,14 @@ def format_to_write(path: Path, name: str | None = None) -> GraspFormat:
     """
     if name is None:
         return _by_suffix(path)
-    found = _by_name(name)
+    chosen = _by_name(name)
     suffix = path.suffix.lower()
-    if found.layout == "folder" and suffix in found.suffixes:
-        raise InputError(f"a {found.name} export is a folder; give a name without {path.suffix!r}")
-    if found.layout != "folder" and not (suffix in found.suffixes or (found.layout == "either" and not suffix)):
-        folder = ", or for a folder a name without suffix" if found.layout == "either" else ""
-        raise InputError(f"a {found.name} file is named {' or '.join(found.suffixes)}{folder}; got {path.name!r}")
-    return found
+    if chosen.layout == "folder" and suffix in chosen.suffixes:
+        raise InputError(f"a {chosen.name} export is a folder; give a name without {path.suffix!r}")
+    if chosen.layout != "folder" and not (suffix in chosen.suffixes or (chosen.layout == "either" and not suffix)):
+        folder = ", or for a folder a name without suffix" if chosen.layout == "either" else ""
+        raise InputError(f"a {chosen.name} file is named {' or '.join(chosen.suffixes)}{folder}; got {path.name!r}")
+    return chosen
 
 
 def format_to_read(path: Path, name: str | None = None) -> GraspFormat:
@@ -149,7 +163,7 @@ def format_to_read(path: Path, name: str | None = None) -> GraspFormat:
             start = file.read(_SNIFF_BYTES)
         return FORMATS_BY_NAME["isaac_grasp" if b"isaac_grasp" in start else "moveit_grasp"]
     if suffix == ".npy":
-        from .pickled import array_shape
+        from .dexgrasp import array_shape
 
         return FORMATS_BY_NAME["dexgraspnet" if array_shape(path) else "dexgraspbench"]
     return _by_suffix(path)
@@ -165,29 +179,24 @@ def _of_folder(path: Path) -> GraspFormat:
     raise FileFormatError(
         f"{path} is a folder without graspdata, dataset or files *{', *'.join(YAML_SUFFIXES)} in it; "
         "name its format if it is one: "
-        f"{', '.join(found.name for found in FORMATS_BY_NAME.values() if found.layout != 'file')}"
+        f"{', '.join(known.name for known in FORMATS_BY_NAME.values() if known.layout != 'file')}"
     )
 
 
 def _by_name(name: str) -> GraspFormat:
-    found = FORMATS_BY_NAME.get(str(name).strip().lower().replace("-", "_"))
-    if found is None:
+    chosen = FORMATS_BY_NAME.get(str(name).strip().lower().replace("-", "_"))
+    if chosen is None:
         raise unknown("grasp format", name, FORMATS_BY_NAME)
-    return found
+    return chosen
 
 
 def _by_suffix(path: Path) -> GraspFormat:
     suffix = path.suffix.lower()
     if suffix in FORMATS:
         return FORMATS[suffix]
-    several = [found.name for found in FORMATS_BY_NAME.values() if suffix in found.suffixes]
-    valid = ", ".join(f"{known} ({found.description})" for known, found in FORMATS.items())
-    if several:
-        raise InputError(
-            f"{path.name!r} could be of several formats by its suffix {path.suffix!r}; "
-            f"name the format: {', '.join(several)}. Valid: {valid}."
-        )
-    others = ", ".join(name for name, found in FORMATS_BY_NAME.items() if found not in FORMATS.values())
+    several = [known.name for known in FORMATS_BY_NAME.values() if suffix in known.suffixes]
+    valid = ", ".join(f"{ending} ({known.description})" for ending, known in FORMATS.items())
     raise InputError(
-        f"{path.name!r} names no grasp format by its suffix {path.suffix!r}. Valid: {valid}; by name: {others}."
+        f"{path.name!r} does not tell its format by its suffix {path.suffix!r}; name the format: "
+        f"{', '.join(several or FORMATS_BY_NAME)}. Valid: {valid}."
     )

@@ -1,21 +1,21 @@
-"""Hand models: the right Shadow Dexterous Hand, and a small description under which another MJCF takes its place."""
+"""Hands: joints, digits, couplings and contact places, read from a hand file beside an MJCF."""
 
-from .description import SHADOW_HAND, ContactPlace, HandDescription
+from typing import TYPE_CHECKING, Any
+
+from .hand import Actuator, Closure, ContactPlace, Coupling, Digit, Hand, PlacePoints
 from .kinematics import Kinematics, Link
-from .model import HandModel, PlacePoints, load_hand, load_spec, shadow_hand
-from .stored import hand_from_json, hand_to_json
 
-__all__ = [
-    "SHADOW_HAND",
-    "ContactPlace",
-    "HandDescription",
-    "HandModel",
-    "Kinematics",
-    "Link",
-    "PlacePoints",
-    "hand_from_json",
-    "hand_to_json",
-    "load_hand",
-    "load_spec",
-    "shadow_hand",
-]
+if TYPE_CHECKING:
+    from .hand_file import load_hand, read_hand_file, read_spec, shipped_hands
+
+__all__ = ["Actuator", "Closure", "ContactPlace", "Coupling", "Digit", "Hand", "Kinematics", "Link", "PlacePoints"]
+__all__ += ["load_hand", "read_hand_file", "read_spec", "shipped_hands"]
+
+
+def __getattr__(name: str) -> Any:
+    # Sampling takes its hand from the model's weights and should not wait for what reads hand files.
+    if name in __all__:
+        from . import hand_file
+
+        return getattr(hand_file, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -3,11 +3,8 @@
 Importing this room does not import torch; `nets.vae` and `nets.training` do.
 """
 
-from .fitted import EpochRecord, Fitted, Standardisation
-from .heads import HeadSpec
-from .inference import NumpyDecoder
-from .specs import TrainingSpec, VaeSpec
-from .store import StoredDecoders, load_decoders, save_decoders
+from .inference import NumpyDecoder, StoredDecoders, load_decoders, save_decoders
+from .specs import EpochRecord, Fitted, HeadSpec, Standardisation, TrainingSpec, VaeSpec
 
 __all__ = [
     "EpochRecord",

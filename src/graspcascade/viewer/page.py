@@ -1,28 +1,43 @@
-"""One browser's page: widgets, scene and session, and what each click does."""
+"""One browser's page: its panel, scene and session, and what each click does."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import viser
 
-from ..cascade import GraspSampler
-from ..errors import InputError
-from ..trials import Protocol
-from .controls import NEXT, SPEEDS, THIS, build, put, request_of, same_side, side_axis, side_choices
-from .downloads import pack
-from .recording import Recording
-from .scene import Actors, HandShapes
-from .session import Batch, SampleRequest, Session, sample_batch, with_friction
-from .tables import grasp_html, message_html, table_html
+from ..core.errors import InputError, check_name
+from ..core.objects import CATALOGUE, GraspObject, as_object
+from ..core.protocols import Protocol
+from ..core.taxonomy import as_type
+from ..formats import FORMATS_BY_NAME
+from ..hands import Hand
+from ..proposals import Proposal
+from .recording import Frame, Recording
+from .scene import SceneNodes
+from .session import VIEWS, Batch, SampleRequest, Session, measured, pack, sample_batch, with_friction
+from .words import grasp_html, measured_html, message_html, table_html
 
+P = ParamSpec("P")
+T = TypeVar("T")
+ANY_SIDE, OWN_SIZE = "any", "own size"
+TRIAL = "trial"
+SPEEDS = {"0.25 x": 0.25, "0.5 x": 0.5, "1 x": 1.0, "2 x": 2.0, "4 x": 4.0, "8 x": 8.0}
+THIS, ALL = "this grasp", "all grasps"
+PREVIOUS, NEXT = "previous", "next"
 _FRAME_S = 0.04
 """Least time between two frames sent while a trial plays."""
+_VIEW_HINT = (
+    "settled: where closing ended in physics; pregrasp: before closing; target: the joint angles commanded, which "
+    "reach into the object and so squeeze it; trial: the moment below"
+)
+_SIZE_HINT = "Of an object of one's own: box:32x41x60mm, cylinder:27x80mm (diameter x height) or sphere:40mm"
 
 
 @dataclass(frozen=True)
@@ -30,20 +45,127 @@ class Start:
     """Say what every browser begins with.
 
     Attributes:
-        sampler: where grasps come from.
-        shapes: the hand as it is drawn.
+        proposal: where grasps come from.
+        hand: the hand that executes them, with its MJCF.
         request: what the panel is set to.
         protocol: the trials' protocol.
         batch: the first grasps shown.
         note: the first message.
     """
 
-    sampler: GraspSampler
-    shapes: HandShapes
+    proposal: Proposal
+    hand: Hand
     request: SampleRequest
     protocol: Protocol
     batch: Batch
     note: str = ""
+
+
+class Panel:
+    """Hold the widgets of one browser; values that it sends are read as they come and checked where they are used."""
+
+    def __init__(self, gui: viser.GuiApi, start: Start) -> None:
+        request, physics, schedule = start.request, start.protocol.physics, start.protocol.schedule
+        self.reach_m = start.hand.reach_m
+        own = CATALOGUE.get(request.object.name) != request.object
+        with gui.add_folder("Sample"):
+            types = tuple(kind.name for kind in start.hand.grasp_types)
+            self.grasp_type = gui.add_dropdown("type", types, initial_value=request.grasp_type.name)
+            chosen = OWN_SIZE if own else request.object.name
+            self.object = gui.add_dropdown("object", (*CATALOGUE, OWN_SIZE), initial_value=chosen)
+            size = request.object.shape.spelling() if own else "box:32x41x60mm"
+            self.size = gui.add_text("size", size, disabled=not own, hint=_SIZE_HINT)
+            sides = side_choices(request.object, self.reach_m)
+            self.side = gui.add_dropdown("held by", sides, hint="Side that the opposing digits span")
+            # As floats, so that whatever number a browser sends gets through to where it is checked.
+            self.n = gui.add_number("n", float(request.n), step=1, hint="How many grasps")
+            self.seed = gui.add_number("seed", float(request.seed), step=1, hint="The same seed gives the same grasps")
+            self.measured = gui.add_html("")
+            self.sample = gui.add_button("Sample", color="blue")
+        with gui.add_folder("Grasp"):
+            self.about = gui.add_html("")
+            self.grasp = gui.add_slider("grasp", 0.0, max(request.n - 1.0, 1.0), 1.0, 0.0)
+            self.flip = gui.add_button_group("flip", (PREVIOUS, NEXT))
+            self.view = gui.add_dropdown("show", (*VIEWS, TRIAL), hint=_VIEW_HINT)
+        with gui.add_folder("Physics trial"):
+            self.friction = gui.add_number("friction", physics.friction, step=0.1, hint="Sliding, of hand and object")
+            self.play = gui.add_button("Play trial", color="teal")
+            self.stop = gui.add_button("Stop", color="gray", disabled=True)
+            self.speed = gui.add_dropdown("speed", tuple(SPEEDS), initial_value="1 x")
+            duration = round(schedule.total_steps * physics.time_step_s, 2)
+            self.time = gui.add_slider("time s", 0.0, duration, 0.02, 0.0, hint="Of the trial of this grasp")
+            self.try_all = gui.add_button("Try all", hint="Execute every grasp that was not tried yet")
+        tables = gui.add_panel()
+        with tables.add_tab("Samples"):
+            # Here a message is in sight wherever the controls are scrolled to.
+            self.message = gui.add_html(message_html(""))
+            self.table = gui.add_html("")
+            with gui.add_folder("Download"):
+                self.scope = gui.add_dropdown("what", (THIS, ALL), initial_value=ALL)
+                self.file_format = gui.add_dropdown("format", tuple(FORMATS_BY_NAME))
+                self.download = gui.add_button("Download")
+        tables.float(x=15, y=-15, width=330)
+        put(self.side, same_side(sides, request.side_axis))
+
+    def chosen_object(self) -> GraspObject:
+        """Read the object chosen, or raise `InputError`."""
+        return as_object(self.size.value if self.object.value == OWN_SIZE else self.object.value)
+
+    def request(self) -> SampleRequest:
+        """Read what is asked for, or raise `InputError`."""
+        axis = side_axis(self.side.value)
+        return SampleRequest.of(self.grasp_type.value, self.chosen_object(), axis, self.n.value, self.seed.value)
+
+
+def put(widget: Any, value: Any) -> None:
+    """Write a value into a widget."""
+    # viser defines the setter apart from the getter, where a type checker does not find it.
+    widget.value = value
+
+
+def side_choices(obj: GraspObject, reach_m: float) -> tuple[str, ...]:
+    """Word the sides an object can be held by, and the choice to draw among them."""
+    return (ANY_SIDE, *(f"{axis} = {site.width_m * 100:g} cm" for axis, site in obj.sites(reach_m).items()))
+
+
+def side_axis(choice: str) -> str | None:
+    """Read the axis off a choice of `side_choices`."""
+    return None if choice == ANY_SIDE else choice.partition(" ")[0]
+
+
+def same_side(choices: Iterable[str], axis: str | None) -> str:
+    """Find the choice of an axis among another object's, or any side where it has none such."""
+    return next((choice for choice in choices if side_axis(choice) == axis), ANY_SIDE)
+
+
+def _reported(method: Callable[Concatenate[Page, P], T]) -> Callable[Concatenate[Page, P], T | None]:
+    """Make of input that a method cannot use a message on the page; it then returns None."""
+
+    @wraps(method)
+    def act(page: Page, /, *args: P.args, **options: P.kwargs) -> T | None:
+        try:
+            return method(page, *args, **options)
+        except InputError as error:
+            page.say(str(error), error=True)
+            page.write()
+            return None
+
+    return act
+
+
+def _action(method: Callable[Concatenate[Page, P], T]) -> Callable[Concatenate[Page, P], T | None]:
+    """Let a method do what a click asks for alone, ending what plays; what cannot be done becomes a message."""
+    reported = _reported(method)
+
+    @wraps(method)
+    def act(page: Page, /, *args: P.args, **options: P.kwargs) -> T | None:
+        page.close()
+        with page.lock:
+            page.close()  # whoever had the lock may have begun to play
+            page.panel.stop.disabled = True
+            return reported(page, *args, **options)
+
+    return act
 
 
 class Page:
@@ -54,195 +176,206 @@ class Page:
     """
 
     def __init__(self, client: viser.ClientHandle, start: Start) -> None:
+        self.lock = threading.RLock()
+        self.session = Session(start.batch, start.hand, start.protocol)
         self._client, self._start = client, start
-        self._lock = threading.RLock()
         self._halt = threading.Event()
-        self.session = Session(start.batch, start.protocol)
+        self._shown = ""
+        """Words for what the scene shows; the panel never says anything else."""
         with client.atomic():
-            self._actors = Actors(client.scene, start.shapes)
-            self._controls = build(client.gui, start.request, start.protocol)
-            self._new_grasps()
-            self._say(start.note)
+            self._nodes = SceneNodes(client.scene, start.hand)
+            self.panel = Panel(client.gui, start)
+            self._describe_choice()
+            self._show_new(start.note)
         self._connect()
 
     def close(self) -> None:
         """End what still plays."""
         self._halt.set()
 
+    def say(self, text: str, *, error: bool = False) -> None:
+        """Put a message on the page."""
+        self.panel.message.content = message_html(text, error=error)
+
     def _connect(self) -> None:
-        c = self._controls
-        c.object_label.on_update(lambda _: self._choose_object())
+        c = self.panel
+        for choice in (c.grasp_type, c.object, c.size):
+            choice.on_update(_by_hand(self._choose))
         c.sample.on_click(lambda _: self._sample())
         c.flip.on_click(lambda _: self._go(self.session.index + (1 if c.flip.value == NEXT else -1)))
         c.play.on_click(lambda _: self._play())
-        c.stop.on_click(lambda _: self._stop())
+        c.stop.on_click(lambda _: _action(Page.write)(self))
         c.try_all.on_click(lambda _: self._try_all())
         c.download.on_click(lambda _: self._download())
-        # What the page itself writes into a widget must not act as if a person had.
         c.grasp.on_update(_by_hand(lambda: self._go(c.grasp.value)))
-        c.view.on_update(_by_hand(self._look))
+        c.view.on_update(_by_hand(lambda: _action(Page._look)(self)))
         c.time.on_update(_by_hand(self._scrub))
         c.friction.on_update(_by_hand(self._choose_friction))
 
-    @contextmanager
-    def _action(self) -> Iterator[None]:
-        """Do what a click asks for, alone; what cannot be done becomes a message."""
-        self._halt.set()
-        with self._lock:
-            try:
-                yield
-            except InputError as error:
-                self._say(str(error), error=True)
+    @_action
+    def _choose(self) -> None:
+        self.panel.size.disabled = self.panel.object.value != OWN_SIZE
+        self._describe_choice()
+        self.write()
 
-    def _choose_object(self) -> None:
-        with self._action():
-            c = self._controls
-            axis = side_axis(c.side.value)
-            choices = side_choices(c.object_label.value)
+    def _describe_choice(self) -> None:
+        """Offer the sides of the object chosen, and say how often such grasps hold."""
+        c, axis = self.panel, side_axis(self.panel.side.value)
+        choices: tuple[str, ...] = (ANY_SIDE,)
+        try:
+            kind, obj = as_type(c.grasp_type.value), c.chosen_object()
+            choices = side_choices(obj, c.reach_m)
+            c.measured.content = measured_html(measured(self._start.proposal, kind, obj))
+        except InputError as error:
+            # A size may be half typed, which is no reason for a message yet.
+            c.measured.content = measured_html(None, str(error))
+        if c.side.options != choices:
             c.side.options = choices
             put(c.side, same_side(choices, axis))
 
+    @_action
     def _sample(self) -> None:
-        with self._action():
-            self.session.show(sample_batch(self._start.sampler, request_of(self._controls)))
-            self._say(f"{len(self.session)} grasps sampled")
-            self._new_grasps()
+        self.session.show(sample_batch(self._start.proposal, self._start.hand, self.panel.request()))
+        if self.panel.view.value == TRIAL:
+            put(self.panel.view, VIEWS[0])
+        self._show_new(f"{len(self.session)} grasps sampled")
 
+    @_action
     def _choose_friction(self) -> None:
-        with self._action():
-            self.session.use(with_friction(self._controls.friction.value))
-            self._say(f"trials under protocol {self.session.protocol.name}")
-            self._write()
+        self._apply_friction()
+        self._look()
+        self.say(f"trials under protocol {self.session.protocol.name}")
 
-    def _go(self, index: int) -> None:
-        with self._action():
-            self.session.go(index)
-            put(self._controls.grasp, self.session.index)
-            self._look()
+    @_action
+    def _go(self, index: float) -> None:
+        if not math.isfinite(index):
+            raise InputError(f"there is no grasp {index}")
+        self.session.go(round(index))
+        put(self.panel.grasp, float(self.session.index))
+        self._look()
 
     def _look(self) -> None:
-        with self._action():
-            self._controls.time.disabled = True
-            view = self._controls.view.value
-            if view == "settled" and self.session.outcome is None:
-                self._say("executing the trial ...")
-            try:
-                frame = self.session.frame(view)
-            except InputError:
-                # The grasp itself can be looked at all the same.
-                put(self._controls.view, "posture")
-                with self._client.atomic():
-                    self._actors.show(self.session.frame("posture"))
-                self._write()
-                raise
-            with self._client.atomic():
-                self._actors.show(frame)
-            self._say("")
-            self._write()
+        """Show the present grasp in the view chosen."""
+        self.say("")
+        view = self.panel.view.value
+        if view == TRIAL:
+            recording = self.session.recording()
+            self._show_moment(recording, recording.row_at(self.panel.time.value))
+        else:
+            frame = self.session.frame(view)
+            closed = view != "settled" or self.session.closed
+            self._display(frame, view if closed else "where its trial ended, before the hand had closed")
+        self.write()
+
+    @_action
+    def _scrub(self) -> None:
+        put(self.panel.view, TRIAL)
+        self._look()
 
     def _play(self) -> None:
-        with self._action():
-            self._apply_friction()
-            self._say("executing the trial ...")
-            recording = self.session.recording()
-            c = self._controls
-            c.time.max = max(round(float(recording.time_s[-1]), 2), 0.02)
-            c.stop.visible, c.time.disabled = True, False
-            self._say("")
-            self._halt = halt = threading.Event()
-        self._run(recording, halt, SPEEDS[self._controls.speed.value])
-
-    def _stop(self) -> None:
-        with self._action():
-            self._controls.stop.visible = False
-            self._write("stopped")
-
-    def _run(self, recording: Recording, halt: threading.Event, speed: float) -> None:
         """Show frames at the pace of the clock, leaving out those that a slow machine comes too late for."""
+        prepared = self._prepare_trial()
+        if prepared is None:
+            return
+        recording, speed, halt = prepared
         began, row = time.monotonic(), 0
-        while not halt.is_set():
-            with self._lock:
+        while row < len(recording) - 1 and not halt.wait(_FRAME_S):
+            with self.lock:
                 if halt.is_set():
                     return
                 row = recording.row_at((time.monotonic() - began) * speed)
-                self._show_moment(recording, row)
-            if row == len(recording) - 1:
-                break
-            halt.wait(_FRAME_S)
-        with self._lock:
-            if self._halt is halt:
-                self._controls.stop.visible = False
-                self._write(self._moment(recording, row))
+                self._show_moment(recording, row, playing=row < len(recording) - 1)
+        with self.lock:
+            if not halt.is_set():
+                self.panel.stop.disabled = True
+                self.write()
 
-    def _scrub(self) -> None:
-        with self._action():
-            recording = self.session.recording()
-            row = recording.row_at(self._controls.time.value)
-            with self._client.atomic():
-                self._actors.show(recording.frame(row))
-            self._write(self._moment(recording, row))
+    @_action
+    def _prepare_trial(self) -> tuple[Recording, float, threading.Event]:
+        c = self.panel
+        check_name("speed", c.speed.value, SPEEDS)
+        self._apply_friction()
+        recording = self.session.recording()
+        put(c.view, TRIAL)
+        self._show_moment(recording, 0, playing=len(recording) > 1)
+        self.say("")
+        return recording, SPEEDS[c.speed.value], self._begin()
 
-    def _show_moment(self, recording: Recording, row: int) -> None:
+    def _begin(self) -> threading.Event:
+        """Start something that the next click ends."""
+        self._halt = threading.Event()
+        self.panel.stop.disabled = False
+        return self._halt
+
+    def _show_moment(self, recording: Recording, row: int, *, playing: bool = False) -> None:
+        put(self.panel.time, round(float(recording.time_s[row]), 2))
+        words = f"trial at {recording.time_s[row]:.1f} s: {recording.phase(row)[1]}"
+        self._display(recording.frame(row), words, playing=playing)
+
+    def _display(self, frame: Frame, words: str, *, playing: bool = False) -> None:
         with self._client.atomic():
-            self._actors.show(recording.frame(row))
-            put(self._controls.time, round(float(recording.time_s[row]), 2))
-            words = grasp_html(self.session, self._moment(recording, row), playing=True)
-            if words != self._controls.about.content:
-                self._controls.about.content = words
-
-    def _moment(self, recording: Recording, row: int) -> str:
-        return f"trial at {recording.time_s[row]:.1f} s: {recording.phase(row)}"
+            self._nodes.show(frame)
+            self._shown = words
+            about = grasp_html(self.session, words, playing=playing)
+            if about != self.panel.about.content:
+                self.panel.about.content = about
 
     def _try_all(self) -> None:
-        with self._action():
-            self._apply_friction()
-            self._halt = halt = threading.Event()
-            self._controls.stop.visible = True
-        left = len(self.session)
-        while left and not halt.is_set():
-            with self._lock:
-                if halt.is_set():
-                    return
-                left = self.session.try_some()
-                self._say(f"tried {len(self.session) - left} of {len(self.session)}")
-                self._write()
-        with self._lock:
-            if self._halt is halt:
-                self._controls.stop.visible = False
+        halt = self._prepare_tries()
+        while halt is not None and self._try_some(halt):
+            pass
 
+    @_action
+    def _prepare_tries(self) -> threading.Event:
+        before = self.session.protocol
+        self._apply_friction()
+        if self.session.protocol != before:
+            self._look()
+        return self._begin()
+
+    @_reported
+    def _try_some(self, halt: threading.Event) -> bool:
+        """Try some more grasps, and tell whether any are left to try."""
+        with self.lock:
+            if halt.is_set():
+                return False
+            left = self.session.try_some()
+            self.say(f"tried {len(self.session) - left} of {len(self.session)}")
+            self.panel.stop.disabled = not left
+            self.write()
+            return left > 0
+
+    @_action
     def _download(self) -> None:
-        with self._action():
-            c = self._controls
-            rows = [self.session.index] if c.scope.value == THIS else list(range(len(self.session)))
-            packed = pack(self.session.batch, c.file_format.value, rows, self.session.outcomes)
-            self._client.send_file_download(packed.name, packed.content, save_immediately=True)
-            self._say(f"{packed.name} sent")
+        c = self.panel
+        rows = [self.session.index] if c.scope.value == THIS else list(range(len(self.session)))
+        packed = pack(self.session, c.file_format.value, rows)
+        self._client.send_file_download(packed.name, packed.content, save_immediately=True)
+        self.say(f"{packed.name} sent")
+        self.write()
 
     def _apply_friction(self) -> None:
         """Take the friction on the panel, which may be one that was refused when it was typed."""
-        self.session.use(with_friction(self._controls.friction.value))
+        self.session.use(with_friction(self.panel.friction.value))
 
-    def _new_grasps(self) -> None:
-        c, count = self._controls, len(self.session)
-        put(c.grasp, 0)
-        c.grasp.max, c.grasp.disabled = max(count - 1, 1), count == 1
+    @_reported
+    def _show_new(self, note: str) -> None:
+        c, count = self.panel, len(self.session)
+        put(c.grasp, 0.0)
+        c.grasp.max, c.grasp.disabled = max(count - 1.0, 1.0), count == 1
         put(c.time, 0.0)
-        c.stop.visible, c.time.disabled = False, True
-        if c.view.value == "settled":
-            put(c.view, "posture")
-        self._actors.show(self.session.frame(c.view.value))
-        self._write()
+        self._look()
+        self.say(note)
 
-    def _write(self, shown: str | None = None) -> None:
-        c = self._controls
-        c.about.content = grasp_html(self.session, shown or c.view.value)
-        c.table.content = table_html(self.session)
-
-    def _say(self, text: str, *, error: bool = False) -> None:
-        self._controls.message.content = message_html(text, error=error)
+    def write(self) -> None:
+        """Write what is known of the grasps on the panel."""
+        self.panel.about.content = grasp_html(self.session, self._shown)
+        self.panel.table.content = table_html(self.session)
 
 
 def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
+    """Act when a person changed a widget, not when the page itself wrote into it."""
+
     def on_update(event: Any) -> None:
         if event.client is not None:
             act()

@@ -1,4 +1,4 @@
-"""`record`: what the trial runner showed of each trial, frame by frame, with its outcome."""
+"""`record`: what a trial looked like, frame by frame, with its outcome."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..grasps import Grasps
-from ..poses import Pose, canonical_quat
-from ..trials import Outcomes, Protocol, run
+from ..core.grasps import Grasps
+from ..core.objects import GraspObject
+from ..core.outcomes import Outcomes
+from ..core.poses import Pose, canonical_quat
+from ..core.protocols import Close, Phase, Protocol, Shake
+from ..engines import run_trials
+from ..hands import Hand
 
 Array = NDArray[np.float64]
 
@@ -21,13 +25,13 @@ class Frame:
     """Hold one moment.
 
     Attributes:
-        object_label: which object.
+        object: the object.
         posture: ``(J,)`` joint angles, radians.
         X_hand_object: object pose in the hand frame, ``(3,)`` and ``(4,)``.
         base_m: ``(3,)`` displacement of the hand's base, metres.
     """
 
-    object_label: str
+    object: GraspObject
     posture: Array
     X_hand_object: Pose
     base_m: Array
@@ -39,7 +43,7 @@ class Recording:
 
     Attributes:
         protocol: what was done.
-        object_label: with which object.
+        object: with which object.
         steps: ``(T,)`` simulation steps done; the first frame is the start.
         posture: ``(T, J)`` joint angles in the order of the grasp's joints, radians.
         X_hand_object: ``(T, 3)`` and ``(T, 4)`` object poses in the hand frame.
@@ -47,7 +51,7 @@ class Recording:
     """
 
     protocol: Protocol
-    object_label: str
+    object: GraspObject
     steps: NDArray[np.int64]
     posture: Array
     X_hand_object: Pose
@@ -59,73 +63,73 @@ class Recording:
 
     @cached_property
     def time_s(self) -> Array:
-        """Give the simulated time of each frame ``(T,)``."""
-        return np.asarray(self.steps * self.protocol.time_step_s, dtype=np.float64)
+        """Simulated time of each frame ``(T,)``."""
+        return np.asarray(self.steps * self.protocol.physics.time_step_s, dtype=np.float64)
 
     @cached_property
     def base_m(self) -> Array:
-        """Give the base's displacement ``(T, 3)``: the motion whose acceleration the shake's gravity stands for."""
-        about = self.protocol
-        moved = np.zeros((len(self), 3))
-        rows = np.flatnonzero((self.steps > about.closing_steps) & (self.steps < _shake_end(about)))
-        since = self.steps[rows] - about.closing_steps
-        turn = 2 * np.pi * about.shake_frequency_hz * since * about.time_step_s
-        moved[rows, since * 3 // about.shake_steps] = about.shake_amplitude_m * np.sin(turn)
+        """Displacement of the base ``(T, 3)``: the motion whose acceleration the field of a shake stands for."""
+        step_s, moved = self.protocol.physics.time_step_s, np.zeros((len(self), 3))
+        begin = 0
+        for phase, end in zip(self.protocol.phases, self.protocol.schedule.ends, strict=True):
+            if isinstance(phase, Shake):
+                rows = np.flatnonzero((self.steps > begin) & (self.steps < end))
+                since = self.steps[rows] - begin
+                turn = 2 * np.pi * phase.frequency_hz * since * step_s
+                moved[rows, phase.axis(since, step_s)] = phase.amplitude_m * np.sin(turn)
+            begin = end
         return moved
 
     def frame(self, row: int) -> Frame:
-        """Give one frame."""
-        pose = self.X_hand_object
-        at = Pose(pose.position_m[row], pose.quat_wxyz[row])
-        return Frame(self.object_label, self.posture[row], at, self.base_m[row])
+        """Look up one frame; negative rows count from the end."""
+        pose = Pose(self.X_hand_object.position_m[row], self.X_hand_object.quat_wxyz[row])
+        return Frame(self.object, self.posture[row], pose, self.base_m[row])
 
     def row_at(self, time_s: float) -> int:
         """Find the last frame not after a time."""
         return int(np.clip(np.searchsorted(self.time_s, time_s + 1e-9, side="right") - 1, 0, len(self) - 1))
 
-    def phase(self, row: int) -> str:
-        """Name what is being done at a frame."""
-        about, step = self.protocol, int(self.steps[row])
+    def phase(self, row: int) -> tuple[Phase, str]:
+        """Find the phase that a frame belongs to, and words for what is being done."""
+        schedule, step_s = self.protocol.schedule, self.protocol.physics.time_step_s
+        step = int(self.steps[row])
+        place = int(schedule.phase[max(step - 1, 0)])
+        phase, since = schedule.phases[place], step - (schedule.ends[place - 1] if place else 0)
         if step == 0:
-            return "start"
-        if step <= round(about.close_s / about.time_step_s):
-            return "closing"
-        if step <= about.closing_steps:
-            return "holding still"
-        if step <= _shake_end(about):
-            axis = (step - about.closing_steps - 1) * 3 // about.shake_steps
-            return f"shake along {'xyz'[min(axis, 2)]}"
-        return "gravity"
+            return phase, "start"
+        if isinstance(phase, Close):
+            return phase, "closing" if since <= round(phase.ramp_s / step_s) else "holding still"
+        if isinstance(phase, Shake):
+            return phase, f"shake along {'xyz'[int(phase.axis(since - 1, step_s))]}"
+        return phase, phase.kind
 
 
-def _shake_end(protocol: Protocol) -> int:
-    return protocol.closing_steps + protocol.shake_steps
-
-
-def record(grasps: Grasps, protocol: Protocol, *, n_threads: int = 1) -> list[Recording]:
+def record(grasps: Grasps, hand: Hand, protocol: Protocol, *, n_threads: int = 1) -> list[Recording]:
     """Execute grasps in physics and keep what can be seen, one recording each."""
     seen: list[list[tuple[int, Array, Array]]] = [[] for _ in range(len(grasps))]
 
     def observe(rows: NDArray[Any], steps: NDArray[Any], posture: NDArray[Any], pose: NDArray[Any]) -> None:
-        # The runner reuses its arrays, so what is kept must be copied.
-        for row, *state in zip(rows, steps, posture.copy(), pose.copy(), strict=True):
-            seen[row].append((int(state[0]), state[1], state[2]))
+        # The runner reuses its arrays, so what is kept must be copied. An unstable trial may end in numbers that cannot
+        # be drawn.
+        sound = np.isfinite(posture).all(axis=1) & np.isfinite(pose).all(axis=1)
+        for row, ok, *state in zip(rows, sound, steps, posture.copy(), pose.copy(), strict=True):
+            if ok:
+                seen[row].append((int(state[0]), state[1], state[2]))
 
-    outcomes = run(grasps, protocol, n_threads=n_threads, observe=observe)
+    outcomes = run_trials(grasps, protocol, hand=hand, n_threads=n_threads, observe=observe)
     return [_recording(grasps[row], protocol, seen[row], outcomes[row]) for row in range(len(grasps))]
 
 
 def _recording(grasp: Grasps, protocol: Protocol, seen: list[tuple[int, Array, Array]], outcome: Outcomes) -> Recording:
     start = grasp.X_hand_object
-    pose = np.concatenate([start.position_m, start.quat_wxyz], axis=1)
-    # An unstable trial may end in numbers that cannot be drawn.
-    sound = [frame for frame in seen if np.isfinite(frame[1]).all() and np.isfinite(frame[2]).all()]
-    pose = np.concatenate([pose, *(frame[2][None] for frame in sound)])
+    first = (0, grasp.pregrasp[0], np.concatenate([start.position_m[0], start.quat_wxyz[0]]))
+    steps, postures, poses = zip(first, *seen, strict=True)
+    pose = np.stack(poses)
     return Recording(
         protocol,
-        str(grasp.object_label[0]),
-        np.array([0, *(frame[0] for frame in sound)], dtype=np.int64),
-        np.concatenate([grasp.pregrasp, *(frame[1][None] for frame in sound)]),
+        grasp.tasks.distinct[0].object,
+        np.array(steps, dtype=np.int64),
+        np.stack(postures),
         Pose(pose[:, :3], canonical_quat(pose[:, 3:])),
         outcome,
     )

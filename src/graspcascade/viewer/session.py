@@ -1,31 +1,42 @@
-"""`Session`: what one browser looks at, without the browser."""
+"""`Session`: what one browser looks at, without the browser; where its grasps come from, what files they leave in."""
 
 from __future__ import annotations
 
+import io
 import threading
-from dataclasses import asdict, dataclass, field, replace
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from ..cascade import GraspSampler
-from ..errors import InputError, check_name
-from ..formats import load_executable
-from ..grasps import Grasps
-from ..hands import HandModel
-from ..intervals import Interval, wilson
-from ..objects import grasp_object
-from ..poses import Pose
-from ..taxonomy import grasp_type
-from ..trials import PAPER, Outcomes, Protocol, run
+from ..core.errors import InputError, check_name
+from ..core.grasps import Grasps
+from ..core.intervals import Interval, wilson
+from ..core.objects import GraspObject, as_object
+from ..core.outcomes import Outcomes
+from ..core.poses import Pose
+from ..core.protocols import PAPER, Protocol
+from ..core.tasks import Task, Tasks
+from ..core.taxonomy import GraspType, as_type
+from ..engines import run_trials
+from ..formats import FORMATS_BY_NAME, ExportOptions, load_executable, save_grasps
+from ..hands import Hand
+from ..proposals import Proposal
+from ..proposals.cascade.sampler import GraspSampler
 from .recording import Frame, Recording, record
 
 MAX_GRASPS = 200
 """Most grasps sampled onto a page at once."""
-VIEWS = ("pregrasp", "posture", "settled")
+VIEWS = ("settled", "pregrasp", "target")
+"""Where closing ended in physics; the open hand; the joint angles commanded, their squeeze into the object included."""
 FRICTION_RANGE = (0.01, 5.0)
 MAX_SEED = 2**32 - 1
+_OBJECT_ROOT = "objects"
+"""Where a format that names object files says they are: beside the grasps, wherever the archive is unpacked."""
 
 _PHYSICS = threading.Lock()
 """Trials of several browsers take turns: side by side they would only slow each other down."""
@@ -36,33 +47,41 @@ class SampleRequest:
     """Say what to sample.
 
     Attributes:
-        grasp_type: name of a grasp type.
-        object_label: label of a catalogue object.
+        grasp_type: the grasp type.
+        object: the object.
         side_axis: body axis to hold it by, None to draw among the graspable sides.
         n: how many grasps.
         seed: seed of all draws.
     """
 
-    grasp_type: str = "tripod"
-    object_label: str = "box_medium"
+    grasp_type: GraspType
+    object: GraspObject
     side_axis: str | None = None
     n: int = 10
     seed: int = 0
 
-    def check(self) -> None:
-        """Check every value.
+    @classmethod
+    def of(
+        cls,
+        grasp_type: GraspType | str = "tripod",
+        obj: GraspObject | str = "box_medium",
+        side_axis: str | None = None,
+        n: float = 10,
+        seed: float = 0,
+    ) -> SampleRequest:
+        """Read what a person or a browser asks for.
 
         Raises:
-            InputError: the first one that cannot be used.
+            InputError: an unknown name or size, or a number that is not whole or out of range.
         """
-        grasp_type(self.grasp_type)
-        obj = grasp_object(self.object_label)
-        if self.side_axis is not None:
-            obj.side_axis(self.side_axis)
-        if not 1 <= self.n <= MAX_GRASPS:
-            raise InputError(f"n must be between 1 and {MAX_GRASPS}, got {self.n}")
-        if not 0 <= self.seed <= MAX_SEED:
-            raise InputError(f"seed must be between 0 and {MAX_SEED}, got {self.seed}")
+        number, drawn = _whole("n", n, 1, MAX_GRASPS), _whole("seed", seed, 0, MAX_SEED)
+        return cls(as_type(grasp_type), as_object(obj), side_axis, number, drawn)
+
+
+def _whole(name: str, value: float, low: int, high: int) -> int:
+    if not low <= value <= high or value != int(value):
+        raise InputError(f"{name} must be a whole number between {low} and {high}, got {value}")
+    return int(value)
 
 
 @dataclass(frozen=True)
@@ -82,21 +101,25 @@ class Batch:
     X_world_object: Pose | None = None
 
 
-def sample_batch(sampler: GraspSampler, request: SampleRequest) -> Batch:
-    """Sample what is asked for.
+def sample_batch(proposal: Proposal, hand: Hand, request: SampleRequest) -> Batch:
+    """Sample what is asked for; the same request gives the same grasps.
 
     Raises:
-        InputError: a value that cannot be used.
+        InputError: the hand cannot do it, or the proposal does not know the type or the object.
     """
-    request.check()
-    asked = (request.grasp_type, request.object_label, request.side_axis)
-    grasps = sampler.sample(*asked, n=request.n, seed=request.seed)
-    side = "" if request.side_axis is None else f"_{request.side_axis}"
-    metadata = sampler.origin(request.grasp_type, request.object_label) | {"asked": asdict(request)}
-    return Batch(grasps, f"{grasps.grasp_type[0]}_{grasps.object_label[0]}{side}_seed{request.seed}", metadata)
+    hand.check_type(request.grasp_type)
+    rng, kind, obj, axis = np.random.default_rng(request.seed), request.grasp_type, request.object, request.side_axis
+    if axis is None:
+        grasps = proposal.propose_any_side(obj, kind, request.n, rng)
+    else:
+        grasps = proposal.propose(Tasks.repeat(Task(kind, obj, obj.site(axis, hand.reach_m)), request.n), rng)
+    asked = {"grasp_type": kind.name, "object": obj.name, "side_axis": axis, "n": request.n, "seed": request.seed}
+    side = "" if axis is None else f"_{axis}"
+    name = f"{kind.name}_{obj.name}{side}_seed{request.seed}".replace(":", "_")
+    return Batch(_ordered(grasps, hand), name, _origin(proposal, kind, obj) | {"asked": asked})
 
 
-def file_batch(path: Path, hand: HandModel, trust_pickle: bool = False) -> Batch:
+def file_batch(path: Path, hand: Hand, trust_pickle: bool = False) -> Batch:
     """Open a grasp file.
 
     Args:
@@ -107,17 +130,32 @@ def file_batch(path: Path, hand: HandModel, trust_pickle: bool = False) -> Batch
     Raises:
         InputError: it cannot be read, holds no grasps or lacks joints of the hand.
     """
-    document = load_executable(path, hand.description, trust_pickle=trust_pickle)
-    grasps = document.grasps
+    document = load_executable(path, hand, trust_pickle=trust_pickle)
+    return Batch(_ordered(document.grasps, hand), path.stem, document.metadata, document.X_world_object)
+
+
+def _ordered(grasps: Grasps, hand: Hand) -> Grasps:
+    missing = [name for name in hand.joint_names if name not in grasps.joint_names]
+    if missing:
+        raise InputError(f"the grasps lack joints of {hand.name}: {', '.join(missing)}")
     order = [grasps.joint_names.index(name) for name in hand.joint_names]
-    ordered = replace(
-        grasps, joint_names=hand.joint_names, posture=grasps.posture[:, order], pregrasp=grasps.pregrasp[:, order]
-    )
-    return Batch(ordered, path.stem, document.metadata, document.X_world_object)
+    posture, pregrasp = grasps.posture[:, order], grasps.pregrasp[:, order]
+    return replace(grasps, joint_names=hand.joint_names, posture=posture, pregrasp=pregrasp)
+
+
+def _origin(proposal: Proposal, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
+    if isinstance(proposal, GraspSampler):
+        return proposal.origin(kind, obj)
+    return {"source": proposal.name, "hand": proposal.hand.name} | proposal.describe()
+
+
+def measured(proposal: Proposal, kind: GraspType, obj: GraspObject) -> Mapping[str, Any] | None:
+    """Look up what was measured of a type and object: `held` of `n` trials under `protocol`; None where nothing was."""
+    return next(iter(_origin(proposal, kind, obj).get("measured", {}).values()), None)
 
 
 def with_friction(friction: float) -> Protocol:
-    """Give the paper protocol at another friction, under a name that says so.
+    """Make the paper protocol at another friction, under a name that says so.
 
     Raises:
         InputError: a friction outside `FRICTION_RANGE`.
@@ -125,16 +163,17 @@ def with_friction(friction: float) -> Protocol:
     low, high = FRICTION_RANGE
     if not low <= friction <= high:
         raise InputError(f"friction must be between {low:g} and {high:g}, got {friction:g}")
-    if friction == PAPER.friction:
+    if friction == PAPER.physics.friction:
         return PAPER
-    return replace(PAPER, name=f"paper, friction {friction:g}", friction=friction)
+    return PAPER.with_physics(f"paper, friction {friction:g}", friction=friction)
 
 
 class Session:
     """Keep the grasps shown, the one looked at, and what became of those tried under the present protocol."""
 
-    def __init__(self, batch: Batch, protocol: Protocol = PAPER) -> None:
+    def __init__(self, batch: Batch, hand: Hand, protocol: Protocol = PAPER) -> None:
         self.batch = batch
+        self.hand = hand
         self.protocol = protocol
         self.index = 0
         self.outcomes: dict[int, Outcomes] = {}
@@ -146,12 +185,12 @@ class Session:
 
     @property
     def grasp(self) -> Grasps:
-        """Give the grasp looked at, a batch of one."""
+        """The grasp looked at, a batch of one."""
         return self.batch.grasps[self.index]
 
     @property
     def outcome(self) -> Outcomes | None:
-        """Give what became of the grasp looked at, None untried."""
+        """What became of the grasp looked at, None untried."""
         return self.outcomes.get(self.index)
 
     def show(self, batch: Batch) -> None:
@@ -170,48 +209,99 @@ class Session:
         self.index = index % len(self)
 
     def recording(self) -> Recording:
-        """Execute the grasp looked at, unless that is done, and give its recording."""
-        index = self.index
-        if index not in self._recordings:
+        """Execute the grasp looked at, unless that is done, and look up its recording."""
+        if self.index not in self._recordings:
             with _PHYSICS:
-                (found,) = record(self.grasp, self.protocol)
-            self._recordings[index] = found
-            self.outcomes[index] = found.outcome
-        return self._recordings[index]
+                (recording,) = record(self.grasp, self.hand, self.protocol)
+            self._recordings[self.index], self.outcomes[self.index] = recording, recording.outcome
+        return self._recordings[self.index]
 
     def try_some(self, count: int = 16) -> int:
-        """Execute the next untried grasps and tell how many are left."""
+        """Execute the next untried grasps and count those left."""
         untried = [index for index in range(len(self)) if index not in self.outcomes]
         if chosen := untried[:count]:
             with _PHYSICS:
-                outcomes = run(self.batch.grasps[chosen], self.protocol)
+                outcomes = run_trials(self.batch.grasps[chosen], self.protocol, hand=self.hand)
             self.outcomes |= {index: outcomes[row] for row, index in enumerate(chosen)}
         return len(untried) - len(chosen)
 
     def frame(self, view: str) -> Frame:
-        """Give the grasp looked at in one of `VIEWS`; `settled` executes it if need be.
+        """Look at the grasp in one of `VIEWS`.
+
+        `settled` executes the grasp if need be; of a trial that ended before the hand had closed it is the end.
 
         Raises:
-            InputError: an unknown view, or the trial ended before the hand had closed.
+            InputError: an unknown view.
         """
         check_name("view", view, VIEWS)
         grasp = self.grasp
-        posture, pose = (grasp.pregrasp if view == "pregrasp" else grasp.posture), grasp.X_hand_object
-        if view == "settled":
-            outcome = self.recording().outcome if self.outcome is None else self.outcome
-            posture, pose = outcome.settled_posture, outcome.X_hand_object_settled
-            if not np.isfinite(posture).all():
-                raise InputError(f"grasp {self.index} has no settled state: its trial ended as {outcome.verdict[0]}")
-        at = Pose(pose.position_m[0], pose.quat_wxyz[0])
-        return Frame(str(grasp.object_label[0]), posture[0], at, np.zeros(3))
+        if view != "settled":
+            pose = Pose(grasp.X_hand_object.position_m[0], grasp.X_hand_object.quat_wxyz[0])
+            posture = grasp.pregrasp[0] if view == "pregrasp" else grasp.posture[0]
+            return Frame(grasp.tasks.distinct[0].object, posture, pose, np.zeros(3))
+        recording, protocol = self.recording(), self.protocol
+        return recording.frame(recording.row_at(protocol.schedule.closing_steps * protocol.physics.time_step_s))
+
+    @property
+    def closed(self) -> bool:
+        """Whether the trial of the grasp looked at got as far as closing the hand."""
+        return self.outcome is not None and bool(np.isfinite(self.outcome.settled_posture).all())
 
     def faithful(self, index: int) -> bool:
         """Tell whether a tried grasp held with every digit its type needs."""
         return index in self.outcomes and bool(self.outcomes[index].faithful(self.batch.grasps[index])[0])
 
     def held(self) -> Interval:
-        """Give the rate held among those tried, NaN when none is."""
+        """Compute the rate held among those tried, NaN when none is."""
         return wilson(sum(bool(outcome.held[0]) for outcome in self.outcomes.values()), len(self.outcomes))
 
     def _forget(self) -> None:
         self.outcomes, self._recordings = {}, {}
+
+
+@dataclass(frozen=True)
+class Download:
+    """Hold a file for a browser to save."""
+
+    name: str
+    content: bytes
+
+
+def pack(session: Session, format_name: str, rows: Sequence[int]) -> Download:
+    """Write some of a session's grasps as a file; a format of several files comes as a zip archive.
+
+    Formats with a place for outcomes of trials get them where all of the grasps were tried.
+
+    Raises:
+        InputError: an unknown format, one that cannot hold these grasps, or that needs a package not installed here.
+    """
+    check_name("format", format_name, FORMATS_BY_NAME)
+    form, batch, tried = FORMATS_BY_NAME[format_name], session.batch, session.outcomes
+    if form.missing:
+        raise InputError(f"{format_name} needs a package that is not installed here: {', '.join(form.missing)}")
+    grasps = batch.grasps[rows]
+    outcomes = Outcomes.concatenate([tried[row] for row in rows]) if all(row in tried for row in rows) else None
+    name = f"{batch.name}_grasp{rows[0]}" if len(rows) == 1 < len(session) else batch.name
+    one_file = form.layout == "file" or (form.layout == "either" and len(grasps.tasks.objects) == 1)
+    with TemporaryDirectory(prefix="graspcascade-") as folder:
+        target = Path(folder) / f"{name}{form.suffixes[0] if one_file else ''}"
+        save_grasps(
+            target,
+            grasps,
+            metadata=batch.metadata,
+            X_world_object=batch.X_world_object,
+            format=format_name,
+            options=ExportOptions(outcomes=outcomes, object_root=_OBJECT_ROOT, hand=session.hand),
+        )
+        if target.is_file():
+            return Download(target.name, target.read_bytes())
+        return Download(f"{name}_{format_name}.zip", _zipped(Path(folder)))
+
+
+def _zipped(folder: Path) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():
+                archive.write(path, path.relative_to(folder))
+    return packed.getvalue()

@@ -6,117 +6,100 @@ A browser lights a vertex by the triangles that share it, so the corners of shar
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from trimesh import Trimesh, creation
 from trimesh.graph import smooth_shade
 from trimesh.util import concatenate
 
-from ..formats.meshes import object_mesh
-from ..hands import HandModel, load_spec
-from ..objects import GraspObject
-from ..poses import Pose
+from ..core.objects import GraspObject, Shape
+from ..core.poses import Pose
+from ..hands import Hand, read_spec
+from ..worlds.meshes import object_mesh
+from .style import RGB, body_rgb
 
-OBJECT_RGB = (224, 122, 56)
-_SEGMENTS = 24
-_RINGS = 12
 _SHARP_RAD = np.radians(20.0)
 """Faces that meet at a larger angle keep their edge; facets of round shapes meet at 15 degrees or less."""
-_LIFT = 0.14
-"""Lightest black: the form of quite dark parts would be lost on a page."""
 _SHOWN_GROUPS = (0, 1, 2)
 """Geom groups that MuJoCo's own viewer draws; a hand with visual meshes keeps its collision shapes in others."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """Hold what is drawn in one colour.
+    """Hold what one body shows in one colour.
 
     Attributes:
-        mesh: metres; triangles counter-clockwise seen from outside.
+        body: body that carries it.
+        mesh: metres in the body's frame; triangles counter-clockwise seen from outside.
         rgb: colour, 0 to 255.
     """
 
+    body: str
     mesh: Trimesh
-    rgb: tuple[int, int, int]
+    rgb: RGB
 
 
-def object_part(obj: GraspObject) -> Part:
-    """Mesh an object in its body frame."""
-    mesh = object_mesh(obj)
-    return Part(_sharp(Trimesh(mesh.vertices_m, mesh.triangles, process=False)), OBJECT_RGB)
+@lru_cache(maxsize=64)
+def shape_mesh(shape: Shape) -> Trimesh:
+    """Mesh a shape in its body frame."""
+    return _sharp(object_mesh(GraspObject(shape.kind, shape)))
 
 
-def hand_meshes(hand: HandModel) -> dict[str, tuple[Part, ...]]:
-    """Mesh what a hand's MJCF draws, one part for each colour of a body.
+@lru_cache(maxsize=4)
+def hand_parts(hand: Hand) -> tuple[Part, ...]:
+    """Mesh what a hand's MJCF draws.
 
-    Returns:
-        Parts in the frame of their body, by body name. Wrist and forearm, which never move in a grasp, are part of
-        the hand body.
+    Wrist and forearm, which never move in a grasp, are parts of the palm's body; its frame is the hand frame.
+
+    Raises:
+        InputError: the hand has no MJCF.
     """
     import mujoco
 
-    model = load_spec(hand.description).compile()
+    model = read_spec(hand).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    prefix, root = hand.description.prefix, hand.description.hand_body
     place = [Pose.of(data.xpos[body], data.xquat[body]) for body in range(model.nbody)]
-    X_hand_world = place[model.body(prefix + root).id].inverse()
-    moving = {link.name for link in hand.kinematics.links}
-    found: dict[str, dict[tuple[int, int, int], list[Trimesh]]] = {}
+    X_hand_world = (place[model.body(hand.prefix + hand.body).id] @ hand.X_body_hand).inverse()
+    moving = {link.name for link in hand.kinematics.links} - {hand.body}
+    meshes: dict[tuple[str, RGB], list[Trimesh]] = {}
     for geom in range(model.ngeom):
-        part = geom_part(model, geom) if model.geom_group[geom] in _SHOWN_GROUPS else None
-        if part is None:
+        mesh = geom_mesh(model, geom) if model.geom_group[geom] in _SHOWN_GROUPS else None
+        if mesh is None:
             continue
         body = int(model.geom_bodyid[geom])
-        name = model.body(body).name.removeprefix(prefix)
+        name = model.body(body).name.removeprefix(hand.prefix)
+        rgb = body_rgb(hand, name)
         if name not in moving:
-            name, part = root, Part(_moved(part.mesh, X_hand_world @ place[body]), part.rgb)
-        found.setdefault(name, {}).setdefault(part.rgb, []).append(part.mesh)
-    return {
-        name: tuple(Part(_joined(meshes), rgb) for rgb, meshes in colours.items()) for name, colours in found.items()
-    }
+            name, mesh = hand.body, _moved(mesh, X_hand_world @ place[body])
+        meshes.setdefault((name, rgb), []).append(mesh)
+    return tuple(Part(name, cast("Trimesh", concatenate(parts)), rgb) for (name, rgb), parts in meshes.items())
 
 
-def geom_part(model: Any, geom: int) -> Part | None:
+def geom_mesh(model: Any, geom: int) -> Trimesh | None:
     """Mesh one geom of a compiled MuJoCo model in its body's frame; None for kinds that have no volume."""
     import mujoco
 
     kind, size = mujoco.mjtGeom, model.geom_size[geom]
-    makers = {
-        kind.mjGEOM_SPHERE: lambda: _ellipsoid(size[[0, 0, 0]]),
-        kind.mjGEOM_CAPSULE: lambda: _capsule(size[0], size[1]),
-        kind.mjGEOM_ELLIPSOID: lambda: _ellipsoid(size),
-        kind.mjGEOM_CYLINDER: lambda: _cylinder(size[0], size[1]),
-        kind.mjGEOM_BOX: lambda: _scaled(_sharp(creation.box()), 2 * size),
-        kind.mjGEOM_MESH: lambda: _stored_mesh(model, int(model.geom_dataid[geom])),
-    }
-    make = makers.get(kind(int(model.geom_type[geom])))
-    if make is None:
-        return None
-    red, green, blue = (round(255 * (_LIFT + (1 - _LIFT) * float(channel))) for channel in model.geom_rgba[geom, :3])
-    return Part(_moved(make(), Pose.of(model.geom_pos[geom], model.geom_quat[geom])), (red, green, blue))
-
-
-def _ellipsoid(semi_axes_m: NDArray[np.float64]) -> Trimesh:
-    return _scaled(creation.icosphere(), semi_axes_m)
-
-
-def _capsule(radius_m: float, half_m: float) -> Trimesh:
-    # In radii: trimesh drops triangles of less than 1e-8 square units, which in metres a fingertip may have.
-    unit = creation.capsule(2 * half_m / radius_m, 1.0, count=(_RINGS, _SEGMENTS))
-    return _scaled(unit, radius_m)
-
-
-def _cylinder(radius_m: float, half_m: float) -> Trimesh:
-    unit = creation.cylinder(1.0, 2.0, sections=_SEGMENTS)
-    return _scaled(_sharp(unit), [radius_m, radius_m, half_m])
-
-
-def _scaled(unit: Trimesh, factor_m: ArrayLike) -> Trimesh:
-    return Trimesh(unit.vertices * np.asarray(factor_m), unit.faces, process=False)
+    match kind(int(model.geom_type[geom])):
+        case kind.mjGEOM_SPHERE:
+            mesh = _scaled(creation.icosphere(), size[[0, 0, 0]])
+        case kind.mjGEOM_ELLIPSOID:
+            mesh = _scaled(creation.icosphere(), size)
+        case kind.mjGEOM_CAPSULE:
+            # In radii: trimesh drops triangles of less than 1e-8 square units, which in metres a fingertip may have.
+            mesh = _scaled(creation.capsule(2 * size[1] / size[0], 1.0, count=(12, 24)), size[[0, 0, 0]])
+        case kind.mjGEOM_CYLINDER:
+            mesh = _scaled(_sharp(creation.cylinder(1.0, 2.0, sections=24)), size[[0, 0, 1]])
+        case kind.mjGEOM_BOX:
+            mesh = _scaled(_sharp(creation.box()), 2 * size)
+        case kind.mjGEOM_MESH:
+            mesh = _stored_mesh(model, int(model.geom_dataid[geom]))
+        case _:
+            return None
+    return _moved(mesh, Pose.of(model.geom_pos[geom], model.geom_quat[geom]))
 
 
 def _stored_mesh(model: Any, number: int) -> Trimesh:
@@ -128,13 +111,13 @@ def _stored_mesh(model: Any, number: int) -> Trimesh:
     )
 
 
+def _scaled(unit: Trimesh, factor_m: Any) -> Trimesh:
+    return Trimesh(unit.vertices * factor_m, unit.faces, process=False)
+
+
 def _sharp(mesh: Trimesh) -> Trimesh:
     split: Trimesh = smooth_shade(mesh, angle=_SHARP_RAD, facet_minarea=None)
     return split
-
-
-def _joined(meshes: list[Trimesh]) -> Trimesh:
-    return cast("Trimesh", concatenate(meshes))
 
 
 def _moved(mesh: Trimesh, pose: Pose) -> Trimesh:

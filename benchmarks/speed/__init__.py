@@ -1,0 +1,1 @@
+"""How fast trials, sampling and training are, each against a yardstick measured beside it."""

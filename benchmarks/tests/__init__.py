@@ -1,0 +1,1 @@
+"""Tests of the measuring commands and of the pages they write."""

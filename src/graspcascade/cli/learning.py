@@ -1,0 +1,294 @@
+"""``graspcascade seeds``, ``prior``, ``collect`` and ``train``: the chain behind a cascade."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import InputError
+from ..core.files import write_folder_staged
+from ..core.taxonomy import GRASP_TYPES
+from ..engines.mujoco.creep import FAST_FORWARD
+from ..engines.mujoco.runner import MujocoEngine
+from ..hands import Hand, load_hand
+from ..nets import EpochRecord, TrainingSpec
+from ..proposals.cascade.stages import factorization
+from ..proposals.heuristic import Heuristic
+from ..studies.collect import CollectionSpec, CollectionState, collect
+from ..studies.dataset import load_dataset
+from ..studies.learn import PRIOR_TRAINING, CascadeTraining, fit_cascade, fit_prior
+from ..studies.postures import LabelledPostures, Unit, export_postures, import_postures
+from ..studies.rounds import CELLS, cell_name
+from ..studies.seeds import Likeness, SeedSpec, human_likeness, make_seeds
+from . import console
+from .console import Bar, Flag, HandName, Json, PriorFile, Threads, Workers, percent
+
+_WORST_JOINTS = 3
+"""How many of the joints whose angles were clipped are named."""
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """Make labelled seed postures and print how human they are."""
+
+    spec: SeedSpec = field(default_factory=SeedSpec)
+    """Inverse kinematics."""
+    hand: HandName = "shadow"
+    out: Path | None = None
+    """File to write, .csv, as `graspcascade prior --postures` reads it."""
+    json: Json = False
+
+    def run(self) -> None:
+        """Make the seeds, write them, print the table."""
+        if self.out is not None:
+            console.check_out(self.out, ".csv", "a file of postures")
+        console.within(1, console.MAX_COUNT, per_type=self.spec.per_type)
+        hand = load_hand(self.hand)
+        seeds = _make_seeds(hand, self.spec)
+        if self.out is not None:
+            export_postures(self.out, seeds)
+        made = human_likeness(seeds)
+        # One tendon moves both outer joints of a finger, so what the hand does of a seed differs from it.
+        moved = human_likeness(replace(seeds, posture=hand.executed(seeds.posture)))
+        if self.json:
+            console.print_json({"n": len(seeds), "types": [_facts(*pair) for pair in zip(made, moved, strict=True)]})
+            return
+        print("joints of the digits that hold the object whose mean is within one human standard deviation:")
+        console.print_table(
+            ["type", "seeds", "human\ngrasps", "joints", "within", "within as\nexecuted", "outside\n(human sd)"],
+            [_row(*pair) for pair in zip(made, moved, strict=True)],
+            left=(0, 6),
+        )
+        print(f"{len(seeds)} seed postures" + (f" written to {self.out}" if self.out is not None else ""))
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Train the posture prior on seed postures, or on your own recordings."""
+
+    postures: Path | None = None
+    """Recorded postures (.csv): a grasp_type column, and joints as <JOINT>_deg or <JOINT>_rad. Seeds without it."""
+    unit: Unit | None = None
+    """Unit of joint columns that name none."""
+    hand: HandName = "shadow"
+    out: Path = Path("prior.safetensors")
+    """File to write, .safetensors."""
+    training: TrainingSpec = PRIOR_TRAINING
+    """Training loop."""
+    json: Json = False
+
+    def run(self) -> None:
+        """Train and write."""
+        console.need("torch")
+        console.check_out(self.out, ".safetensors", "a prior")
+        hand = load_hand(self.hand)
+        if self.postures is None:
+            seeds = _make_seeds(hand, SeedSpec())
+        else:
+            seeds = import_postures(self.postures, hand, unit=self.unit)
+        absent = [name for name in GRASP_TYPES if name not in seeds.grasp_type]
+        with console.bar("training") as progress:
+
+            def report(record: EpochRecord) -> None:
+                progress.show(record.epoch, record.epochs, note=f"loss {record.train_loss:.3f}")
+
+            prior = fit_prior(hand, seeds, self.training, report)
+        prior.save(self.out)
+        if self.json:
+            counts = {name: int((seeds.grasp_type == name).sum()) for name in GRASP_TYPES}
+            facts = {"out": str(self.out), "n": len(seeds), "n_clipped": seeds.n_clipped, "per_type": counts}
+            console.print_json(facts | {"clipped": seeds.clipped, "fingerprint": prior.fingerprint()})
+            return
+        angles = f"{seeds.n_clipped} of {seeds.posture.size} angles were beyond limits and clipped"
+        worst = sorted(seeds.clipped.items(), key=lambda joint: -joint[1])[:_WORST_JOINTS]
+        joints = f", most often of {', '.join(f'{name} ({count})' for name, count in worst)}" if worst else ""
+        print(f"prior of {len(seeds)} postures written to {self.out}; {angles}{joints}")
+        if absent:
+            print(f"no postures of {', '.join(absent)}: do not ask this prior for them")
+
+
+def _facts(seeds: Likeness, moved: Likeness) -> dict[str, object]:
+    own = {"share_within": seeds.share_within, "outliers": seeds.outliers}
+    return vars(seeds) | own | {"share_within_executed": moved.share_within, "outliers_executed": moved.outliers}
+
+
+def _row(seeds: Likeness, moved: Likeness) -> list[str]:
+    counts = [str(seeds.n_postures), str(seeds.n_human), str(len(seeds.deviation_sd))]
+    outside = ", ".join(f"{name} {value:+.1f}" for name, value in seeds.outliers.items()) or "none"
+    return [seeds.grasp_type, *counts, percent(seeds.share_within), percent(moved.share_within), outside]
+
+
+def _make_seeds(hand: Hand, spec: SeedSpec) -> LabelledPostures:
+    with console.bar("seed postures", spec.per_type * len(GRASP_TYPES)) as progress:
+        return make_seeds(hand, spec, progress.advance)
+
+
+@dataclass(frozen=True)
+class Collect:
+    """Collect trials of the heuristic's candidates; run again with the same arguments to go on."""
+
+    out: Path
+    """Folder of the dataset."""
+    spec: CollectionSpec = field(default_factory=CollectionSpec)
+    """How much."""
+    hand: HandName = "shadow"
+    prior: PriorFile = None
+    full: Flag = False
+    """Compute every step instead of skipping along the slow creep under weight."""
+    threads: Threads = 0
+    workers: Workers = 1
+    json: Json = False
+
+    def run(self) -> None:
+        """Collect, then say how much there is."""
+        console.need("pyarrow")
+        console.within(0, console.MAX_THREADS, threads=self.threads, workers=self.workers)
+        console.within(0, console.MAX_COUNT, **{name: n for name, n in asdict(self.spec).items() if name != "seed"})
+        proposal = Heuristic(load_hand(self.hand), console.load_prior(self.prior))
+        engine = MujocoEngine(self.threads, creep=None if self.full else FAST_FORWARD)
+        with console.bar("trials") as progress:
+            watch = _Watch(progress, self.spec, proposal.hand)
+            state = collect(
+                proposal,
+                self.spec,
+                self.out,
+                engine=engine,
+                workers=self.workers,
+                progress=watch.show_round,
+                tick=watch.show_trials,
+            )
+        trials, held, faithful = (int(counts.sum()) for counts in (state.trials, state.held, state.faithful))
+        short = [cell for cell in state.short(self.spec).tolist() if CELLS[cell][1] in proposal.hand.grasp_types]
+        if self.json:
+            counts = {"trials": trials, "held": held, "faithful": faithful, "cells_given_up": len(short)}
+            facts = {"out": str(self.out), "protocol": "paper", "rounds": state.rounds, **counts}
+            console.print_json(facts | {"collection": asdict(self.spec)})
+            return
+        counted = f"{trials} screened trials under protocol paper, {held} held ({_rate(state)})"
+        print(f"{self.out}: {counted}, {faithful} type-faithful")
+        if short:
+            given_up = [f"{cell_name(CELLS[cell])} ({state.trials[cell]} trials)" for cell in short]
+            print(f"given up: {', '.join(given_up)}")
+
+
+class _Watch:
+    """Show how far a collection is, and say once what its user should know."""
+
+    def __init__(self, progress: Bar, spec: CollectionSpec, hand: Hand) -> None:
+        self._progress, self._spec, self._hand = progress, spec, hand
+        self._state, self._in_round, self._said = CollectionState.of(()), 0, set[str]()
+
+    def show_round(self, state: CollectionState) -> None:
+        """Take what is written into account."""
+        self._state, self._in_round = state, 0
+        if state.lost and not self._said:
+            self._say(f"missing or changed shards are collected again: {', '.join(state.lost)}")
+        for cell in state.rare(self._spec):
+            self._say(f"{cell_name(CELLS[cell])} hardly ever holds; --most-trials-per-cell gives such cells up")
+        self.show_trials(0)
+
+    def show_trials(self, decided: int) -> None:
+        """Take trials of the round under way into account."""
+        self._in_round += decided
+        done = int(self._state.trials.sum())
+        self._progress.show(done + self._in_round, done + self._to_come(), f"held {_rate(self._state)}")
+
+    def _say(self, words: str) -> None:
+        if words not in self._said:
+            self._said.add(words)
+            print(f"graspcascade collect: {words}", file=sys.stderr)
+
+    def _to_come(self) -> int:
+        """Count the trials that whole rounds will still execute; of held grasps, as far as the rates so far tell."""
+        spec, state = self._spec, self._state
+        cells = [cell for cell in state.unfinished(spec).tolist() if CELLS[cell][1] in self._hand.grasp_types]
+        trials, held = state.trials[cells], state.held[cells]
+        missing = np.maximum(spec.successes_per_cell - held, 0) * (trials + 2) / (held + 1)
+        missing = np.maximum(missing, spec.trials_per_cell - trials)
+        if spec.most_trials_per_cell:
+            missing = np.minimum(missing, spec.most_trials_per_cell - trials)
+        return int(np.ceil(missing / spec.round_per_cell).sum()) * spec.round_per_cell
+
+
+def _rate(state: CollectionState) -> str:
+    trials = int(state.trials.sum())
+    return percent(int(state.held.sum()) / trials if trials else None)
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a cascade on the successes of a dataset."""
+
+    data: Path
+    """Folder of the dataset."""
+    out: Path
+    """Folder for the trained cascade and its training curves; new or empty."""
+    factorization: str = "model3"
+    """Which stages: model1, model2, model3, plain_rotation or variant2 to variant7 of the paper, or model3_any_size."""
+    hand: HandName = "shadow"
+    training: CascadeTraining = field(default_factory=CascadeTraining)
+    """What to learn from and how long."""
+    workers: int = 0
+    """Processes to train stages side by side in, 0 for as many as processors; the weights are the same."""
+    json: Json = False
+
+    def run(self) -> None:
+        """Train and write."""
+        console.need("pyarrow")
+        console.need("torch")
+        console.within(0, console.MAX_THREADS, workers=self.workers)
+        chosen = factorization(self.factorization)
+        out = _replaceable(self.out)
+        hand, dataset = load_hand(self.hand), load_dataset(self.data)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with console.bar("training") as progress:
+            show = shows_epochs(progress, len(chosen.stages))
+            fitted = fit_cascade(hand, dataset, chosen, self.training, show, self.workers)
+        write_folder_staged(out, fitted.save)
+        losses = {name: records[-1].train_loss for name, records in fitted.history.items()}
+        if self.json:
+            console.print_json({"out": str(self.out), "factorization": chosen.name, "final_loss": losses})
+        else:
+            stages = ", ".join(f"{name} {loss:.3f}" for name, loss in losses.items())
+            print(f"{chosen.name} trained on {self.data}, written to {self.out}; final loss: {stages}")
+
+
+def shows_epochs(progress: Bar, stages: int) -> Callable[[str, EpochRecord], None]:
+    """Make what counts the epochs of stages that are trained side by side, as many each, on one bar."""
+    latest: dict[str, EpochRecord] = {}
+
+    def show(stage: str, record: EpochRecord) -> None:
+        latest[stage] = record
+        # The stage just heard of stays, so that something is shown when it ends.
+        going = {name: r for name, r in latest.items() if name == stage or r.epoch < r.epochs}
+        losses = ", ".join(f"{name} {_loss(r):.3f}" for name, r in going.items())
+        progress.show(sum(r.epoch for r in latest.values()), stages * record.epochs, f"loss: {losses}")
+
+    return show
+
+
+def _replaceable(folder: Path) -> Path:
+    """Resolve the folder to write, which is moved into place when it is done: what would not go is refused before.
+
+    Raises:
+        InputError: it holds something, or cannot be put in place of what is there.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder} is not empty; give a new or empty folder")
+    folder = folder.resolve()
+    stays = folder.is_dir() and (folder.is_mount() or folder.samefile(Path.cwd()))
+    if stays or (folder.parent.is_dir() and not os.access(folder.parent, os.W_OK)):
+        raise InputError(
+            f"{folder} cannot be put in place when it is done, being the working directory, a mount point or in a "
+            "folder that is read-only; give a folder inside it or elsewhere"
+        )
+    return folder
+
+
+def _loss(record: EpochRecord) -> float:
+    return record.train_loss if record.validation_loss is None else record.validation_loss

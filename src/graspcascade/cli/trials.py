@@ -1,0 +1,164 @@
+"""``graspcascade trial`` and ``evaluate``: grasps executed in physics."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from ..core.errors import InputError
+from ..core.files import write_json
+from ..core.grasps import Grasps
+from ..core.intervals import wilson
+from ..core.outcomes import VERDICTS, Outcomes
+from ..core.protocols import as_protocol
+from ..engines import as_engine
+from ..formats import load_executable
+from ..hands import load_hand
+from . import console
+from .console import EngineName, HandName, Json, ModelName, OwnHand, PriorFile, ProtocolName, Threads, Trust, Workers
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Execute every grasp of a file in physics and print what became of it."""
+
+    grasps: Annotated[Positional[Path], arg(metavar="GRASPS")]
+    """Grasp file in any format that can be read, such as .json or .parquet."""
+    trust_pickle: Trust = False
+    hand: HandName = "shadow"
+    protocol: ProtocolName = "paper"
+    engine: EngineName = "mujoco"
+    out: Path | None = None
+    """Also write the report to this .json file."""
+    threads: Threads = 0
+    json: Json = False
+
+    def run(self) -> None:
+        """Execute, then print and write."""
+        console.within(0, console.MAX_THREADS, threads=self.threads)
+        protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
+        if self.out is not None:
+            console.check_out(self.out, ".json", "a trial report")
+            if self.out.exists() and self.grasps.exists() and self.out.samefile(self.grasps):
+                raise InputError(f"{self.out} holds the grasps; give the report another name")
+        hand = load_hand(self.hand)
+        document = load_executable(self.grasps, hand, trust_pickle=self.trust_pickle)
+        for note in document.notes:
+            print(f"graspcascade trial: {note}", file=sys.stderr)
+        grasps = document.grasps
+        with console.bar("trials", len(grasps)) as progress:
+            outcomes = engine.run(hand, grasps, protocol, progress=progress.advance)
+        report = console.plain(_report(grasps, outcomes, protocol.name, document.metadata.get("model")))
+        if self.out is not None:
+            write_json(self.out, report, allow_nan=False)
+        console.print_json(report) if self.json else _print_report(report)
+
+
+def _report(grasps: Grasps, outcomes: Outcomes, protocol_name: str, model: object) -> dict[str, Any]:
+    held, faithful, n = outcomes.held, outcomes.faithful(grasps), len(grasps)
+    places = np.array(outcomes.touch_columns)
+    columns: dict[str, Any] = {
+        "grasp_type": grasps.grasp_type,
+        "object": grasps.object_name,
+        "side_axis": grasps.side_axis,
+        "verdict": outcomes.verdict,
+        "held": held,
+        "faithful": faithful,
+    }
+    columns = {name: column.tolist() for name, column in columns.items()}
+    for name in ("touching_closed", "touching_end"):
+        columns[name] = [places[touches].tolist() for touches in getattr(outcomes, name)]
+    for name in ("object_size_m", "displacement_m", "duration_s"):
+        columns[name] = getattr(outcomes, name).tolist()
+    rates = {"held": wilson(int(held.sum()), n).to_json(), "faithful": wilson(int(faithful.sum()), n).to_json()}
+    verdicts = {verdict: int((outcomes.verdict == verdict).sum()) for verdict in VERDICTS}
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return {"protocol": protocol_name, "model": model, "n": n, **rates, "verdicts": verdicts, "grasps": rows}
+
+
+def _print_report(report: dict[str, Any]) -> None:
+    rows = []
+    for number, row in enumerate(report["grasps"]):
+        verdict = row["verdict"] + (", faithful" if row["faithful"] else "")
+        moved = "-" if row["displacement_m"] is None else f"{row['displacement_m'] * 1000:.1f}"
+        touching = ", ".join(row["touching_end"] or row["touching_closed"]) or "-"
+        rows.append([str(number), row["grasp_type"], row["object"], row["side_axis"], verdict, moved, touching])
+    columns = ["#", "type", "object", "side", "verdict", "moved\nmm", "touching"]
+    console.print_table(columns, rows, left=(0, 1, 2, 3, 4, 6))
+    _print_rates(report)
+
+
+def _print_rates(report: dict[str, Any]) -> None:
+    verdicts = report["verdicts"].get("overall", report["verdicts"])
+    print(", ".join(f"{count} {verdict}" for verdict, count in verdicts.items() if count))
+    print(f"protocol {report['protocol']}, {report['n']} trials: held {console.interval(report['held'])}")
+    print(f"held and type-faithful {console.interval(report['faithful'])}")
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Execute grasps of a model, or of the heuristic, for every object and type and print the rates."""
+
+    model: ModelName = "default"
+    per_cell: int = 500
+    """Trials for each object and grasp type."""
+    protocol: ProtocolName = "paper"
+    engine: EngineName = "mujoco"
+    hand: OwnHand = None
+    prior: PriorFile = None
+    seed: int = 0
+    """Seed of every draw."""
+    out: Path | None = None
+    """Folder for finished rounds and evaluation.json; the same command goes on where an earlier one stopped."""
+    threads: Threads = 0
+    workers: Workers = 1
+    json: Json = False
+
+    def run(self) -> None:
+        """Evaluate, then print."""
+        from ..studies.evaluate import evaluate
+
+        console.within(1, console.MAX_COUNT, per_cell=self.per_cell)
+        console.within(0, console.MAX_SEED, seed=self.seed)
+        console.within(0, console.MAX_THREADS, threads=self.threads, workers=self.workers)
+        protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
+        proposal = console.load_proposal(self.model, self.hand, self.prior)
+        hand = console.load_executing_hand(self.hand, proposal)
+        with console.bar(f"trials of {proposal.name}") as progress:
+            evaluation = evaluate(
+                proposal,
+                per_cell=self.per_cell,
+                seed=self.seed,
+                protocol=protocol,
+                hand=hand,
+                engine=engine,
+                workers=self.workers,
+                out=self.out,
+                progress=progress.show,
+            )
+        if self.json:
+            console.print_json(evaluation.to_json())
+            return
+        # Every user's model has the name of its factorization; the folder tells which it is.
+        name = evaluation.model if evaluation.model == self.model else f"{evaluation.model} ({self.model})"
+        print(
+            f"{name} under protocol {protocol.name}, {self.per_cell} trials a cell: % held / % held and type-faithful"
+        )
+        cells = {(cell.object_label, cell.grasp_type): cell for cell in evaluation.cells}
+        rows = [
+            [obj, *(_pair(cells.get((obj, kind))) for kind in evaluation.by_type), _pair(tally)]
+            for obj, tally in evaluation.by_object.items()
+        ]
+        rows.append(["all objects", *map(_pair, evaluation.by_type.values()), _pair(evaluation.total)])
+        headings = [name.replace("_", "\n") for name in evaluation.by_type]
+        console.print_table(["object", *headings, "all\ntypes"], rows)
+        _print_rates(evaluation.to_json())
+
+
+def _pair(tally: Any) -> str:
+    return "-" if tally is None else f"{100 * tally.held_rate.rate:.0f}/{100 * tally.faithful_rate.rate:.0f}"

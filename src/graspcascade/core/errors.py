@@ -1,0 +1,34 @@
+"""Errors that a user's input can cause, worded so that one line is enough to mend it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection, Iterable
+
+
+class InputError(ValueError):
+    """Input that cannot be used; the message says what was given and what is allowed."""
+
+
+class FileFormatError(InputError):
+    """A file that is truncated, foreign or of another schema."""
+
+
+def unknown(kind: str, given: object, valid: Iterable[str]) -> InputError:
+    """Build the error for an unknown name of a kind ("grasp type"), with the nearest of the valid ones."""
+    names = list(valid)
+    near = difflib.get_close_matches(str(given)[:200].lower().replace(" ", "_"), names, n=1, cutoff=0.5)
+    hint = f" Did you mean {near[0]!r}?" if near else ""
+    said = repr(shortened(given)) if isinstance(given, str) else shortened(repr(given))
+    return InputError(f"unknown {kind} {said}.{hint} Valid: {', '.join(names)}.")
+
+
+def shortened(text: str) -> str:
+    """Cut a text to the 60 characters that a message has room for."""
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def check_name(kind: str, given: str, valid: Collection[str]) -> None:
+    """Check that a name is one of the valid ones, or raise the error that `unknown` builds."""
+    if given not in valid:
+        raise unknown(kind, given, valid)

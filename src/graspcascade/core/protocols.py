@@ -1,0 +1,356 @@
+"""Protocols: the phases a grasp goes through and what counts as success; and the physics they run under."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError, check_name
+from .poses import as_quat
+
+Array = NDArray[np.float64]
+
+
+class _Numbers:
+    """A record that checks its numbers: finite, not negative, and above zero where named."""
+
+    _above_zero: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        for part in fields(self):  # type: ignore[arg-type]
+            value, positive = getattr(self, part.name), part.name in self._above_zero
+            if isinstance(value, int | float) and (not math.isfinite(value) or value < 0 or (value == 0 and positive)):
+                least = "above 0" if positive else "at least 0"
+                raise InputError(f"{part.name} must be a finite number {least}, got {value}")
+
+
+@dataclass(frozen=True)
+class Physics(_Numbers):
+    """Numbers of a simulation that belong to no phase; SI units.
+
+    Attributes:
+        torsional_friction_m: torsional friction length of a contact.
+        contact_time_constant_s: time constant of the contact's spring and damper (damping ratio 1).
+        impratio: ratio of friction to normal constraint impedance, elliptic cones.
+        gain_factor: position gains as a multiple of the hand model's own.
+        density_factor: object density as a multiple of the object's own.
+
+    Raises:
+        InputError: a number is negative, not finite, or 0 where that makes no sense.
+    """
+
+    time_step_s: float = 0.004
+    friction: float = 0.8
+    torsional_friction_m: float = 0.005
+    contact_time_constant_s: float = 0.01
+    impratio: float = 10.0
+    gain_factor: float = 3.0
+    density_factor: float = 1.0
+
+    _above_zero = ("time_step_s", "contact_time_constant_s", "impratio", "gain_factor", "density_factor")
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """What may differ from trial to trial in one batch, a row each.
+
+    Attributes:
+        friction: ``(n,)`` as in `Physics`, and so are `density_factor` and `gain_factor`.
+        position_error_m: ``(n, 3)`` shift of the object at the start, in the hand frame, metres.
+        rotation_error_rad: ``(n, 3)`` turn of the object at the start about its centre: axis times angle, hand frame.
+        size_error_m: ``(n,)`` by which every extent of the object is larger than it is said to be, metres.
+
+    Raises:
+        InputError: a column of another length or width, or a value out of range.
+    """
+
+    friction: Array
+    density_factor: Array
+    gain_factor: Array
+    position_error_m: Array
+    rotation_error_rad: Array
+    size_error_m: Array
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            name, column, shape = part.name, getattr(self, part.name), _shape(part.name, len(self))
+            if np.shape(column) != shape:
+                raise InputError(f"{name} of {len(self)} trials has shape {np.shape(column)}, expected {shape}")
+            if not np.isfinite(column).all():
+                raise InputError(f"{name} must be finite")
+            if (column < {"friction": 0.0, "density_factor": 1e-9, "gain_factor": 1e-9}.get(name, -np.inf)).any():
+                raise InputError(f"{name} must be positive, got {column.min():g}")
+
+    def __len__(self) -> int:
+        """Count the trials."""
+        return len(self.friction)
+
+    def __getitem__(self, rows: Any) -> Conditions:
+        """Select rows by slice, index array or mask."""
+        return Conditions(**{part.name: getattr(self, part.name)[rows] for part in fields(self)})
+
+    @classmethod
+    def of(cls, physics: Physics, n: int, **columns: Any) -> Conditions:
+        """Make n rows with the numbers of a physics and no errors, but for columns given by name: one value or n."""
+        made = {part.name: np.asarray(getattr(physics, part.name, 0.0), dtype=np.float64) for part in fields(cls)}
+        for name, value in columns.items():
+            check_name("condition of a trial", name, made)
+            made[name] = np.asarray(value, dtype=np.float64)
+        for name, column in made.items():
+            shape = _shape(name, n)
+            try:
+                made[name] = np.broadcast_to(column, shape).copy()
+            except ValueError:
+                raise InputError(f"{name} of {n} trials has shape {column.shape}, expected {shape}") from None
+        return cls(**made)
+
+    @property
+    def rotation_error_quat_wxyz(self) -> Array:
+        """Turns at the start as quaternions ``(n, 4)``."""
+        from scipy.spatial.transform import Rotation
+
+        return as_quat(Rotation.from_rotvec(self.rotation_error_rad))
+
+
+def _shape(name: str, n: int) -> tuple[int, ...]:
+    return (n, 3) if name in ("position_error_m", "rotation_error_rad") else (n,)
+
+
+@dataclass(frozen=True)
+class Phase(_Numbers, ABC):
+    """What is done to a grasp during one stretch of a trial."""
+
+    kind: ClassVar[str]
+    lost: ClassVar[str] = "dropped"
+    """Verdict of an object that leaves the hand during this phase."""
+    steady: ClassVar[bool] = False
+    """Whether the acceleration is the same in every step."""
+
+    @abstractmethod
+    def _length_s(self) -> float: ...
+
+    def n_steps(self, time_step_s: float) -> int:
+        """Count the integration steps."""
+        return round(self._length_s() / time_step_s)
+
+    def acceleration(self, time_step_s: float) -> Array:
+        """Compute the acceleration field in the hand frame during each step, ``(n_steps, 3)`` in m/s2."""
+        return np.zeros((self.n_steps(time_step_s), 3))
+
+
+@dataclass(frozen=True)
+class Close(Phase):
+    """Close the hand on the floating object: targets ramp from pregrasp to posture, which is then held."""
+
+    ramp_s: float = 0.5
+    settle_s: float = 0.2
+
+    kind, lost = "close", "missed"
+    _above_zero = ("ramp_s",)
+
+    def _length_s(self) -> float:
+        return self.ramp_s + self.settle_s
+
+    def fraction(self, time_step_s: float) -> Array:
+        """Compute the targets' way from pregrasp (0) to posture (1) in force during each step, ``(n_steps,)``."""
+        steps = np.arange(1, self.n_steps(time_step_s) + 1)
+        return np.asarray(np.minimum(steps * time_step_s / self.ramp_s, 1.0))
+
+
+@dataclass(frozen=True)
+class Shake(Phase):
+    """Shake the hand's base along x, y and z, some cycles along each; in its frame gravity changes with time."""
+
+    amplitude_m: float = 0.020
+    frequency_hz: float = 3.0
+    cycles: int = 2
+
+    kind, lost = "shake", "shaken_out"
+    _above_zero = ("frequency_hz",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.cycles % 1:
+            raise InputError(f"cycles of a shake must be a whole number, got {self.cycles}")
+
+    def _length_s(self) -> float:
+        return 3 * self.cycles / self.frequency_hz
+
+    def axis(self, step: Any, time_step_s: float) -> Any:
+        """Tell which axis (0, 1 or 2) is shaken during a step, counted from 0."""
+        return np.minimum(np.asarray(step) * 3 // max(self.n_steps(time_step_s), 1), 2)
+
+    def acceleration(self, time_step_s: float) -> Array:
+        """Compute the acceleration field as `Phase` does: A w^2 sin(w t), the base moving as A sin(w t)."""
+        accelerations = super().acceleration(time_step_s)
+        steps, omega = np.arange(len(accelerations)), 2 * np.pi * self.frequency_hz
+        # Evaluated at mid-step: the exact mean of the field over the step up to second order.
+        field = self.amplitude_m * omega**2 * np.sin(omega * ((steps + 0.5) * time_step_s))
+        accelerations[steps, self.axis(steps, time_step_s)] = field
+        return accelerations
+
+
+@dataclass(frozen=True)
+class Carry(Phase):
+    """Let the object hang in the hand under its weight, from the fingers towards the palm (-z of the hand frame)."""
+
+    duration_s: float = 5.0
+    gravity_m_s2: float = 9.81
+
+    kind, steady = "carry", True
+
+    def _length_s(self) -> float:
+        return self.duration_s
+
+    def acceleration(self, time_step_s: float) -> Array:
+        """Compute the acceleration field as `Phase` does: the weight in every step."""
+        return super().acceleration(time_step_s) - [0.0, 0.0, self.gravity_m_s2]
+
+
+PHASES: Mapping[str, type[Phase]] = {phase.kind: phase for phase in (Close, Shake, Carry)}
+"""Every phase by its name in files."""
+
+
+@dataclass(frozen=True)
+class Protocol(_Numbers):
+    """What is done to a grasp and what counts as success; SI units.
+
+    The hand base stands still with the fingers pointing up and the object floats at the proposed pose. A trial goes
+    through the phases in order, the first of which closes the hand; it is held if at the end the thumb and a finger
+    touch the object.
+
+    Attributes:
+        name: name that every success rate is quoted with.
+        overlap_m: deeper overlap of hand and object at the start is the failure `overlap`.
+        displacement_m: the object's centre must stay this near to where closing left it.
+        physics: physics of every trial, unless a trial has conditions of its own.
+
+    Raises:
+        InputError: a number out of range, or no closing phase first, or nothing after it.
+
+    Example:
+        >>> harder = PAPER.with_physics("paper, friction 0.5", friction=0.5)
+        >>> [phase.kind for phase in harder.phases], harder.physics.friction
+        (['close', 'shake', 'carry'], 0.5)
+    """
+
+    name: str
+    phases: tuple[Phase, ...] = (Close(), Shake(), Carry())
+    overlap_m: float = 0.001
+    displacement_m: float = 0.050
+    physics: Physics = Physics()
+
+    _above_zero = ("displacement_m",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        step = self.physics.time_step_s
+        kinds = [phase.kind for phase in self.phases]
+        if kinds[:1] != ["close"] or kinds.count("close") > 1:
+            raise InputError(f"a protocol begins with its one closing phase, got phases {', '.join(kinds) or 'none'}")
+        if self.phases[0].n_steps(step) < 1 or sum(phase.n_steps(step) for phase in self.phases[1:]) < 1:
+            raise InputError(f"closing, and what follows it, must each last at least one time step of {step} s")
+
+    @property
+    def closing(self) -> Close:
+        """The phase that closes the hand."""
+        return self.phases[0]  # type: ignore[return-value]
+
+    @cached_property
+    def schedule(self) -> Schedule:
+        """Phases laid out in time steps of the protocol's physics."""
+        step = self.physics.time_step_s
+        counts = [phase.n_steps(step) for phase in self.phases]
+        ends, phase_of_step = tuple(np.cumsum(counts).tolist()), np.repeat(np.arange(len(counts)), counts)
+        accelerations = np.concatenate([phase.acceleration(step) for phase in self.phases])
+        return Schedule(self.phases, ends, self.closing.fraction(step), accelerations, phase_of_step)
+
+    def with_physics(self, name: str, **numbers: float) -> Protocol:
+        """Make a protocol of the same phases under other physics, numbers being named as in `Physics`."""
+        for number in numbers:
+            check_name("number of physics", number, [part.name for part in fields(Physics)])
+        return replace(self, name=name, physics=replace(self.physics, **numbers))
+
+    def to_json(self) -> dict[str, Any]:
+        """Describe name, phases, criterion and physics as plain data."""
+        return asdict(self) | {"phases": [{"phase": phase.kind} | asdict(phase) for phase in self.phases]}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Protocol:
+        """Rebuild from `to_json()`, or from the flat record of earlier versions.
+
+        Raises:
+            InputError: an unknown phase, or a number out of range.
+            KeyError, TypeError: a part is missing, unknown or of another kind.
+        """
+        if "phases" not in data:
+            flat = dict(data)
+            closing = Close(flat.pop("close_s"), flat.pop("settle_s"))
+            shake = Shake(*(flat.pop(f"shake_{name}") for name in ("amplitude_m", "frequency_hz", "cycles")))
+            carry = Carry(flat.pop("gravity_s"), flat.pop("gravity_m_s2"))
+            own = {name: flat.pop(name) for name in ("name", "overlap_m", "displacement_m")}
+            return cls(phases=(closing, shake, carry), physics=Physics(**flat), **own)
+        phases = []
+        for about in data["phases"]:
+            check_name("phase of a protocol", about.get("phase"), PHASES)
+            phases.append(PHASES[about["phase"]](**{k: v for k, v in about.items() if k != "phase"}))
+        return cls(**{**data, "phases": tuple(phases), "physics": Physics(**data["physics"])})
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """The phases of a protocol, laid out in time steps.
+
+    Attributes:
+        ends: step count at the end of each phase.
+        fraction: ``(closing_steps,)`` targets' way from pregrasp (0) to posture (1) during each step.
+        acceleration: ``(total_steps, 3)`` field in the hand frame during each step, m/s2.
+        phase: ``(total_steps,)`` place of the phase that each step belongs to.
+    """
+
+    phases: tuple[Phase, ...]
+    ends: tuple[int, ...]
+    fraction: Array
+    acceleration: Array
+    phase: NDArray[np.intp]
+
+    @property
+    def closing_steps(self) -> int:
+        """Steps until the grasp is judged closed."""
+        return self.ends[0]
+
+    @property
+    def total_steps(self) -> int:
+        """Steps of a full-length trial."""
+        return self.ends[-1]
+
+    @property
+    def carry_begins(self) -> int:
+        """Step count at which the last phase begins if it is steady, otherwise the total."""
+        return self.ends[-2] if self.phases[-1].steady else self.ends[-1]
+
+    def lost(self, step: NDArray[np.int64]) -> NDArray[np.str_]:
+        """Name the verdict of objects that were lost by a step count ``(k,)``."""
+        verdicts = np.array([phase.lost for phase in self.phases])
+        return np.asarray(verdicts[np.searchsorted(self.ends, step).clip(0, len(verdicts) - 1)])
+
+
+PAPER = Protocol(name="paper")
+"""The protocol of the paper's tables, and of every success rate unless another is named."""
+PROTOCOLS: Mapping[str, Protocol] = {PAPER.name: PAPER}
+"""Every protocol by name."""
+
+
+def as_protocol(given: Protocol | str) -> Protocol:
+    """Read a protocol: one as it is, or its name; for an unknown name an InputError names the nearest."""
+    if isinstance(given, Protocol):
+        return given
+    check_name("protocol", given, PROTOCOLS)
+    return PROTOCOLS[given]

@@ -1,0 +1,94 @@
+"""What files say of grasps: parts of arrays as plain columns; tasks as names, their objects described beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import FileFormatError, InputError
+from .objects import GraspObject, as_object
+from .poses import Pose
+from .tasks import Task, Tasks
+from .taxonomy import as_type
+
+Columns = dict[str, NDArray[Any]]
+"""Arrays ``(n,)`` by column name."""
+_TOLERANCE_M = 5e-6
+"""A stored width may differ from the object's own by so much: datasets keep single precision."""
+_XYZ, _WXYZ = ("x_m", "y_m", "z_m"), ("qw", "qx", "qy", "qz")
+
+
+def spread(prefix: str, names: tuple[str, ...], values: NDArray[Any]) -> Columns:
+    """Spread the parts of values ``(n, len(names))`` as columns ``<prefix>_<name>``."""
+    return {f"{prefix}_{name}": np.ascontiguousarray(values[:, i]) for i, name in enumerate(names)}
+
+
+def spread_pose(prefix: str, pose: Pose) -> Columns:
+    """Spread poses ``(n, 3)`` and ``(n, 4)`` as columns ``<prefix>_x_m`` to ``<prefix>_qz``, quaternions wxyz."""
+    return spread(prefix, _XYZ, pose.position_m) | spread(prefix, _WXYZ, pose.quat_wxyz)
+
+
+def gather(columns: Mapping[str, NDArray[Any]], prefix: str, names: tuple[str, ...]) -> NDArray[np.float64]:
+    """Join columns ``<prefix>_<name>`` to ``(n, len(names))`` in double precision; a missing one is a KeyError."""
+    return np.stack([np.asarray(columns[f"{prefix}_{name}"], dtype=np.float64) for name in names], axis=1)
+
+
+def gather_pose(columns: Mapping[str, NDArray[Any]], prefix: str) -> Pose:
+    """Join the columns of poses, quaternions as they are stored; a missing one is a KeyError."""
+    return Pose(gather(columns, prefix, _XYZ), gather(columns, prefix, _WXYZ))
+
+
+def objects_to_json(tasks: Tasks) -> dict[str, dict[str, Any]]:
+    """Describe each object of the tasks by its name, as files carry it; names must differ (see `Tasks.objects`)."""
+    return {name: obj.to_json() for name, obj in tasks.objects.items()}
+
+
+def objects_from_json(data: object) -> dict[str, GraspObject]:
+    """Read the objects that a file carries; a FileFormatError names one that is malformed."""
+    if not isinstance(data, Mapping):
+        raise FileFormatError("objects is not a mapping of objects by name")
+    for name, about in data.items():
+        if not isinstance(about, Mapping):
+            raise FileFormatError(f"object {str(name)[:60]!r} is not described by shape and extents")
+    try:
+        return {str(name): GraspObject.from_json(str(name), about) for name, about in data.items()}
+    except InputError as error:
+        raise FileFormatError(str(error)) from error
+
+
+def read_tasks(
+    grasp_types: ArrayLike, names: ArrayLike, axes: ArrayLike, side_m: NDArray[np.float64], objects: object
+) -> Tasks:
+    """Make tasks of a file's columns ``(n,)``.
+
+    Args:
+        grasp_types: type names.
+        names: names of objects that the file carries or of the catalogue, or sizes.
+        axes: body axes of the sides held.
+        side_m: widths as the file has them, metres.
+        objects: what the file says of its objects, by name.
+
+    Raises:
+        FileFormatError: a row names something unknown, or a width that is not its object's; rows count from 0.
+    """
+    own = objects_from_json(objects)
+    columns = (np.asarray(column, dtype=str).tolist() for column in (grasp_types, names, axes))
+    made: dict[tuple[str, str, str], Task] = {}
+    tasks = []
+    for row, cell in enumerate(zip(*columns, strict=True)):
+        if cell not in made:
+            kind, name, axis = cell
+            try:
+                obj = own[name] if name in own else as_object(name)
+                made[cell] = Task(as_type(kind), obj, obj.site(axis))
+            except InputError as error:
+                raise FileFormatError(f"grasp {row}: {error}") from error
+        tasks.append(made[cell])
+    for row, (task, width) in enumerate(zip(tasks, np.asarray(side_m).tolist(), strict=True)):
+        if not abs(task.site.width_m - width) <= _TOLERANCE_M:
+            site = f"side {task.site.name} of {task.object.name} is {task.site.width_m:g} m"
+            raise FileFormatError(f"grasp {row}: its side is {width:g} m wide, but {site}")
+    return Tasks.of(tasks)

@@ -1,0 +1,143 @@
+"""Physics engines: each runs grasps of a hand through a protocol and reports outcomes.
+
+`Engine` is all that studies, viewer and command line know of one; `ENGINES` lists those there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError, check_name
+from ..core.grasps import Grasps
+from ..core.outcomes import Outcomes
+from ..core.protocols import PAPER, Conditions, as_protocol
+from ..core.protocols import Protocol as TrialProtocol
+from ..hands import Hand, load_hand
+
+Progress = Callable[[int], None]
+"""Called with the number of trials decided since the last call."""
+Observer = Callable[[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]], None]
+"""Called every few steps with the rows being simulated ``(k,)``, their step counts ``(k,)``, joint angles ``(k, J)`` in
+the order of the grasps' joints, and object poses ``(k, 7)`` (position, wxyz)."""
+
+
+class Engine(Protocol):
+    """Run trials; outcomes depend on neither the order of the grasps nor the number of threads."""
+
+    @property
+    def abridged(self) -> dict[str, Any] | None:
+        """How trials are abridged, as plain data for a record; None where every step is computed."""
+        ...
+
+    def on_one_thread(self) -> Engine:
+        """Make the same engine for one of several processes."""
+        ...
+
+    def run(
+        self,
+        hand: Hand,
+        grasps: Grasps,
+        protocol: TrialProtocol,
+        conditions: Conditions | None = None,
+        *,
+        observe: Observer | None = None,
+        progress: Progress | None = None,
+    ) -> Outcomes:
+        """Execute every grasp.
+
+        Args:
+            hand: the hand to execute with.
+            grasps: what to execute; joints are matched by name.
+            protocol: what is done, under which physics, and what counts.
+            conditions: of each trial, where they differ from the protocol's physics.
+            observe: sees every trial as it goes.
+            progress: hears how many trials were decided.
+
+        Returns:
+            Outcomes in the order of the grasps.
+        """
+        ...
+
+
+def _mujoco(**options: Any) -> Engine:
+    # Loading an engine takes a moment, and who only names one should not wait for it.
+    from .mujoco.runner import MujocoEngine
+
+    return MujocoEngine(**options)
+
+
+ENGINES: Mapping[str, Callable[..., Engine]] = {"mujoco": _mujoco}
+"""Makers of engines by name; each takes the engine's own options."""
+
+
+def as_engine(name: str = "mujoco", **options: Any) -> Engine:
+    """Make an engine by its name.
+
+    Raises:
+        InputError: the name is not one of `ENGINES`.
+    """
+    check_name("engine", name, ENGINES)
+    return ENGINES[name](**options)
+
+
+def run_trials(
+    grasps: Grasps,
+    protocol: TrialProtocol | str = PAPER,
+    *,
+    hand: Hand | str | None = None,
+    conditions: Conditions | None = None,
+    engine: str = "mujoco",
+    observe: Observer | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Outcomes:
+    """Execute every grasp in physics (see `Engine.run`).
+
+    Args:
+        grasps: what to execute.
+        protocol: a protocol or its name.
+        hand: a hand, a hand file or a shipped hand's name; by default the shipped hand that the grasps are for.
+        conditions: of each trial, where they differ from the protocol's physics.
+        engine: name of the engine.
+        observe: sees every trial as it goes.
+        progress: hears how many trials were decided.
+        options: the engine's own, such as `n_threads` (see `engines.mujoco.runner.MujocoEngine`).
+
+    Raises:
+        InputError: an unknown name, or the grasps' joints are not the hand's.
+
+    Example:
+        >>> from graspcascade import GraspSampler, run_trials
+        >>> grasps = GraspSampler.pretrained().sample("tripod", "box_medium", "x", n=2)
+        >>> outcomes = run_trials(grasps, "paper")
+        >>> outcomes.verdict.shape, outcomes.touch_columns
+        ((2,), ('thumb', 'index', 'middle', 'ring', 'little', 'palm'))
+    """
+    chosen = load_hand(grasps.hand if hand is None else hand)
+    return as_engine(engine, **options).run(
+        chosen, grasps, as_protocol(protocol), conditions, observe=observe, progress=progress
+    )
+
+
+def check_joints(grasps: Grasps, hand: Hand) -> None:
+    """Check that grasps are of a hand's joints, in whatever order.
+
+    Raises:
+        InputError: they lack some or name others.
+    """
+    absent = [name for name in hand.joint_names if name not in grasps.joint_names]
+    if absent:
+        raise InputError(f"the grasps lack joints of {hand.name}: {', '.join(absent)}")
+    foreign = [name for name in grasps.joint_names if name not in hand.joint_names]
+    if foreign:
+        raise InputError(f"{hand.name} has no joints {', '.join(foreign)}")
+
+
+def is_opposed(touching: NDArray[np.bool_], digits: tuple[str, ...]) -> NDArray[np.bool_]:
+    """Tell where the thumb and at least one finger touch the object, from contacts ``(n, D + 1)``."""
+    fingers = [place for place, name in enumerate(digits) if name != "thumb"]
+    return np.asarray(touching[:, digits.index("thumb")] & touching[:, fingers].any(axis=1))

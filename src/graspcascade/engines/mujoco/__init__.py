@@ -1,0 +1,1 @@
+"""Trials in MuJoCo, many at once."""

@@ -1,0 +1,399 @@
+"""Hand files: ``hand.yaml`` beside its MJCF, read into a `Hand` and checked against the model."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import FileFormatError, InputError, check_name, unknown
+from ..core.poses import Pose, quat_to_matrix, rotate
+from ..core.taxonomy import DIGITS
+from ..core.yaml_files import YAML_SUFFIXES, load_yaml
+from .hand import Actuator, ContactPlace, Coupling, Digit, Hand, digest
+from .kinematics import IDENTITY, Kinematics, Link, Vector
+
+HAND_FILE = "hand.yaml"
+
+
+class _Record(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    pass
+
+
+class _Frame(_Record, frozen=True):
+    body: str
+    quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+
+class _Point(_Record, frozen=True):
+    body: str
+    point_m: Vector
+
+
+class _Place(_Point, frozen=True):
+    normal: Vector
+
+
+class _Digit(_Record, frozen=True):
+    root: str
+    tip: _Point
+
+
+class _HandFile(_Record, frozen=True):
+    """Contents of a hand file; docs/own_hand.md says what each entry means."""
+
+    name: str
+    mjcf: str
+    frame: _Frame
+    joints: list[str | list[str]]
+    digits: dict[str, _Digit]
+    places: dict[str, _Place]
+    reach_m: float
+    palm_bodies: list[str]
+    wrist_joints: list[str] = []
+    couplings: dict[str, list[str]] = {}
+    surface_points: dict[str, _Point] = {}
+    pregrasp_rad: dict[str, float] = {}
+    prefix: str = ""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(name for part in self.joints for name in ([part] if isinstance(part, str) else part))
+
+    @property
+    def bodies(self) -> set[str]:
+        """Bodies below the palm that the file speaks of."""
+        points = [*self.places.values(), *self.surface_points.values(), *(digit.tip for digit in self.digits.values())]
+        return {point.body for point in points} | {digit.root for digit in self.digits.values()}
+
+
+def shipped_hands() -> dict[str, Path]:
+    """List the hand files that come with the package, by short name."""
+    assets = Path(str(files("graspcascade.hands") / "assets"))
+    return {folder.name: folder / HAND_FILE for folder in sorted(assets.iterdir()) if (folder / HAND_FILE).is_file()}
+
+
+def load_hand(hand: Hand | Path | str = "shadow") -> Hand:
+    """Read a hand: one as it is, a shipped one by name (``shadow``), or a hand file (.yaml) by path.
+
+    Raises:
+        InputError: no such hand or file, or a model that cannot be used; one line says what to do.
+        FileFormatError: the file is no hand file.
+    """
+    if isinstance(hand, Hand):
+        return hand
+    text, shipped = str(hand), shipped_hands()
+    if text in shipped:
+        return _read_shipped(shipped[text])
+    path = Path(text)
+    if path.is_dir() and (path / HAND_FILE).is_file():
+        path /= HAND_FILE
+    if path.suffix.lower() in (".xml", ".mjcf", ".urdf"):
+        raise InputError(f"{path.name} is a model; give the hand file (.yaml) that says what its parts are")
+    if path.suffix.lower() in YAML_SUFFIXES or path.exists():
+        return read_hand_file(path)
+    named = {read.name: read for read in map(_read_shipped, shipped.values())}
+    if text in named:
+        return named[text]
+    raise InputError(f"{unknown('hand', text, [*shipped, *named])} Or give the path of a hand file (.yaml).")
+
+
+def read_hand_file(path: Path) -> Hand:
+    """Read a hand file and the MJCF it names; errors are those of `load_hand`.
+
+    An entry ``base: shadow`` takes everything that the file does not say from a shipped hand.
+    """
+    try:
+        raw, folder = _raw(path)
+        record = msgspec.convert(raw, _HandFile)
+    except (msgspec.ValidationError, FileFormatError) as error:
+        raise FileFormatError(f"{path}: not a hand file: {error}") from error
+    try:
+        return _build(record, folder / record.mjcf)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+_read_shipped = lru_cache(maxsize=8)(read_hand_file)
+
+
+def _raw(path: Path) -> tuple[dict[str, Any], Path]:
+    """Read a hand file's entries, those of its base included, and the folder that its MJCF's path starts from."""
+    raw = load_yaml(path)
+    if not isinstance(raw, dict):
+        raise FileFormatError("it is no mapping of entries")
+    base = raw.pop("base", None)
+    if base is None:
+        return raw, path.parent
+    if not isinstance(base, str) or base not in shipped_hands():
+        raise FileFormatError(str(unknown("base hand", base, shipped_hands())))
+    taken, folder = _raw(shipped_hands()[base])
+    return taken | raw, path.parent if "mjcf" in raw else folder
+
+
+def read_spec(hand: Hand) -> Any:
+    """Read a hand's MJCF as an editable MuJoCo spec; an InputError says that there is none or it cannot be read."""
+    if hand.mjcf is None:
+        raise InputError(f"hand {hand.name} came with a trained model and has no MJCF; load it from its hand file")
+    return _parse(hand.mjcf)
+
+
+def _parse(mjcf: Path) -> Any:
+    # The engine is heavy to load and geometry from stored constants does not need it.
+    import mujoco
+
+    try:
+        return mujoco.MjSpec.from_file(str(mjcf))
+    except (ValueError, OSError) as error:
+        raise InputError(f"cannot read hand model {mjcf}: {' '.join(str(error).split())}") from error
+
+
+def _build(record: _HandFile, mjcf: Path) -> Hand:
+    _check_record(record)
+    reader = _ModelReader(record, mjcf)
+    model, palm = reader.model, reader.palm
+    data = reader.mujoco.MjData(model)
+    reader.mujoco.mj_kinematics(model, data)
+    base = int(model.body_rootid[palm])
+    X_body_hand = Pose.of([0.0, 0.0, 0.0], record.frame.quat_wxyz)
+    X_world_hand = Pose.of(data.xpos[palm], data.xquat[palm]) @ X_body_hand
+    limits, digits = reader.limits(), record.digits
+    hand = Hand(
+        name=record.name,
+        mjcf=mjcf,
+        prefix=record.prefix,
+        body=record.frame.body,
+        X_body_hand=X_body_hand,
+        X_base_hand=Pose.of(data.xpos[base], data.xquat[base]).inverse() @ X_world_hand,
+        wrist_joints=tuple(record.wrist_joints),
+        joint_names=record.joint_names,
+        lower_rad=limits[:, 0],
+        upper_rad=limits[:, 1],
+        kinematics=Kinematics(reader.links(X_body_hand)),
+        digits={d: Digit(digits[d].root, digits[d].tip.body, digits[d].tip.point_m) for d in DIGITS if d in digits},
+        couplings=reader.couplings(),
+        actuators=tuple(reader.actuator(number) for number in range(model.nu)),
+        palm_bodies=tuple(record.palm_bodies),
+        places={name: ContactPlace(p.body, p.point_m, p.normal) for name, p in record.places.items()},
+        surface_points={name: (p.body, p.point_m) for name, p in record.surface_points.items()},
+        pregrasp_rad=record.pregrasp_rad,
+        reach_m=record.reach_m,
+        source=digest(msgspec.to_builtins(record) | {"mjcf": ""}, mjcf.read_bytes()),
+    )
+    _check_driven(hand)
+    _check_orientation(hand)
+    return hand
+
+
+def _check_record(record: _HandFile) -> None:
+    digits, joints = record.digits, record.joint_names
+    for name in digits:
+        check_name("digit", name, DIGITS)
+    if "thumb" not in digits or "index" not in digits:
+        raise InputError(f"digits need a thumb and at least one finger, named index first; got {', '.join(digits)}")
+    shared = _repeated([digit.root for digit in digits.values()])
+    if shared:
+        raise InputError(f"two digits have the same root {', '.join(shared)}; each needs a first body of its own")
+    twice = sorted({*_repeated(joints), *(set(joints) & set(record.wrist_joints))})
+    if twice or not joints:
+        raise InputError(f"joints must name each joint once, got {', '.join(twice) or 'none'} more than once or none")
+    stray = sorted(set(record.pregrasp_rad) - set(joints))
+    if stray:
+        raise InputError(f"pregrasp_rad names {', '.join(stray)}, which joints does not list")
+    if not 0.001 <= record.reach_m <= 1.0:
+        raise InputError(f"reach_m must be 0.001 to 1 m, got {record.reach_m:g}")
+    for name, place in record.places.items():
+        length = float(np.linalg.norm(place.normal))
+        if abs(length - 1.0) > 1e-3:
+            raise InputError(f"the normal of {name} has length {length:.3g}; it must be 1")
+
+
+def _repeated(names: list[str] | tuple[str, ...]) -> list[str]:
+    return sorted({name for name in names if names.count(name) > 1})
+
+
+class _ModelReader:
+    """Reads a hand's compiled model, naming its parts without the prefix."""
+
+    def __init__(self, record: _HandFile, mjcf: Path) -> None:
+        import mujoco
+
+        self.mujoco: Any = mujoco
+        self.record = record
+        spec = _parse(mjcf)
+        try:
+            self.model = model = spec.compile()
+        except ValueError as error:
+            raise InputError(f"cannot compile hand model {mjcf}: {' '.join(str(error).split())}") from error
+        kinds, prefix = mujoco.mjtObj, record.prefix
+        needed: list[tuple[str, tuple[Any, ...]]] = [
+            *((name, (kinds.mjOBJ_JOINT,)) for name in (*record.joint_names, *record.wrist_joints)),
+            *((name, (kinds.mjOBJ_BODY,)) for name in sorted(record.bodies | {record.frame.body, *record.palm_bodies})),
+            *((name, (kinds.mjOBJ_TENDON, kinds.mjOBJ_EQUALITY)) for name in record.couplings),
+        ]
+        missing = [n for n, types in needed if all(mujoco.mj_name2id(model, t, prefix + n) < 0 for t in types)]
+        if missing:
+            raise InputError(f"hand model {mjcf.name} lacks {', '.join(missing)} (prefix {prefix!r})")
+        self.palm = int(model.body(prefix + record.frame.body).id)
+        # Trials bring their own object and nothing else.
+        root, loose = model.body_rootid[self.palm], (int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL))
+        foreign = [model.body(b).name or f"body {b}" for b in range(1, model.nbody) if model.body_rootid[b] != root]
+        foreign += [model.geom(g).name or "a geom of the world" for g in range(model.ngeom) if not model.geom_bodyid[g]]
+        foreign += [model.joint(j).name or "a free joint" for j in range(model.njnt) if model.jnt_type[j] in loose]
+        if foreign:
+            scene = f"hand model {mjcf.name} is a scene: it also holds {', '.join(foreign[:4])}"
+            raise InputError(f"{scene}; give the MJCF of the hand alone, fixed to the world")
+
+    def name(self, kind: str, number: Any) -> str:
+        return str(getattr(self.model, kind)(int(number)).name.removeprefix(self.record.prefix))
+
+    def limits(self) -> NDArray[np.float64]:
+        limits = []
+        for name in self.record.joint_names:
+            joint = self.model.joint(self.record.prefix + name)
+            low, high = joint.range.tolist()
+            if not self.model.jnt_limited[joint.id] or not low < high:
+                raise InputError(f'joint {name} has no range; give it one in the MJCF (range="low high")')
+            limits.append((low, high))
+        names = [self.name("joint", number) for number in range(self.model.njnt)]
+        stray = ", ".join(n for n in names if n not in (*self.record.joint_names, *self.record.wrist_joints))
+        if stray:
+            unlisted = f"the model has joints that neither joints nor wrist_joints lists: {stray}"
+            raise InputError(f"{unlisted}; list them, or take them out of the MJCF")
+        return np.array(limits)
+
+    def links(self, X_body_hand: Pose) -> tuple[Link, ...]:
+        record, palm = self.record, self.palm
+        links, below = [Link(record.frame.body, None, (0.0, 0.0, 0.0), IDENTITY)], {palm}
+        for body in range(palm + 1, self.model.nbody):
+            if int(self.model.body_parentid[body]) in below:
+                below.add(body)
+                links.append(self._link(body, X_body_hand))
+        tree = Kinematics(tuple(links))
+        outside = sorted(record.bodies - {link.name for link in links})
+        if outside:
+            raise InputError(f"{', '.join(outside)} does not hang from the palm body {record.frame.body!r}")
+        above = sorted(set(record.joint_names) - {link.joint for link in links})
+        if above:
+            raise InputError(f"{', '.join(above)} moves no part below the palm; list it under wrist_joints")
+        for name, digit in record.digits.items():
+            if digit.root not in tree.ancestry([digit.tip.body]):
+                tip = f"the tip of the {name} is on {digit.tip.body}"
+                raise InputError(f"{tip}, which does not hang from its root {digit.root}")
+            for other, upper in record.digits.items():
+                if other != name and upper.root in tree.ancestry([digit.root]):
+                    below_other = f"the {name} hangs from the {other}"
+                    raise InputError(f"{below_other}; each digit needs a root of its own at the palm")
+        return tree.links
+
+    def _link(self, body: int, X_body_hand: Pose) -> Link:
+        model, name, parent = self.model, self.name("body", body), int(self.model.body_parentid[body])
+        if model.body_jntnum[body] > 1:
+            raise InputError(f"body {name} has {model.body_jntnum[body]} joints; one hinge at most is supported")
+        flat = np.zeros(9)
+        self.mujoco.mju_quat2Mat(flat, model.body_quat[body])
+        matrix, position = flat.reshape(3, 3), model.body_pos[body]
+        if parent == self.palm and abs(X_body_hand.quat_wxyz[0]) < 1.0:
+            inverse = X_body_hand.inverse()
+            matrix, position = quat_to_matrix(inverse.quat_wxyz) @ matrix, rotate(inverse.quat_wxyz, position)
+        joint, axis = None, np.array([1.0, 0.0, 0.0])
+        if model.body_jntnum[body]:
+            index = model.body_jntadr[body]
+            joint, axis = self.name("joint", index), model.jnt_axis[index]
+            if model.jnt_type[index] != self.mujoco.mjtJoint.mjJNT_HINGE or np.abs(model.jnt_pos[index]).max() > 1e-9:
+                raise InputError(f"joint {joint} is not a hinge at the origin of its body; nothing else is supported")
+        rows = tuple(map(tuple, matrix.tolist()))
+        return Link(name, self.name("body", parent), tuple(position.tolist()), rows, joint, tuple(axis.tolist()))
+
+    def couplings(self) -> tuple[Coupling, ...]:
+        """Read the couplings of posture joints, and check that they are those the file names."""
+        model, joints, couplings = self.model, self.record.joint_names, []
+        by_tendon = np.asarray(model.actuator_trntype) == int(self.mujoco.mjtTrn.mjTRN_TENDON)
+        for tendon in sorted(set(model.actuator_trnid[by_tendon, 0].tolist())):
+            weights = self._tendon_weights(tendon)
+            if len(weights) > 1 and set(weights) <= set(joints):
+                order = tuple(joint for joint in joints if joint in weights)
+                factors = tuple(weights[joint] for joint in order)
+                couplings.append(Coupling(self.name("tendon", tendon), "tendon", order, factors))
+        for number in range(model.neq):
+            if model.eq_type[number] == self.mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[number] >= 0:
+                pair = tuple(self.name("joint", ids[number]) for ids in (model.eq_obj1id, model.eq_obj2id))
+                polynomial = tuple(model.eq_data[number, :5].tolist())
+                name = self.name("equality", number) or "/".join(pair)
+                couplings.append(Coupling(name, "equality", pair, polynomial))
+        tied = {coupling.name: set(coupling.joints) for coupling in couplings}
+        for name, named in self.record.couplings.items():
+            if tied.get(name) != set(named):
+                has = ", ".join(sorted(tied.get(name, ()))) or "no actuator"
+                raise InputError(
+                    f"coupling {name} is of {', '.join(named)} in the hand file; in the model it has {has}"
+                )
+        return tuple(couplings)
+
+    def _tendon_weights(self, tendon: int) -> dict[str, float]:
+        model, first = self.model, int(self.model.tendon_adr[tendon])
+        wraps = range(first, first + int(model.tendon_num[tendon]))
+        if any(model.wrap_type[wrap] != self.mujoco.mjtWrap.mjWRAP_JOINT for wrap in wraps):
+            name = self.name("tendon", tendon)
+            raise InputError(f"tendon {name} runs through space; only fixed tendons over joints are supported")
+        return {self.name("joint", model.wrap_objid[wrap]): float(model.wrap_prm[wrap]) for wrap in wraps}
+
+    def actuator(self, number: int) -> Actuator:
+        model, mujoco, name = self.model, self.mujoco, self.name("actuator", number)
+        target, gear = int(model.actuator_trnid[number, 0]), float(model.actuator_gear[number, 0])
+        kind = model.actuator_trntype[number]
+        if kind == mujoco.mjtTrn.mjTRN_TENDON:
+            weights = {joint: gear * weight for joint, weight in self._tendon_weights(target).items()}
+        elif kind == mujoco.mjtTrn.mjTRN_JOINT:
+            weights = {self.name("joint", target): gear}
+        else:
+            raise InputError(f"actuator {name} drives neither a joint nor a fixed tendon; nothing else is supported")
+        gain, bias = float(model.actuator_gainprm[number, 0]), float(model.actuator_biasprm[number, 1])
+        fixed = model.actuator_gaintype[number] == mujoco.mjtGain.mjGAIN_FIXED
+        affine = model.actuator_biastype[number] == mujoco.mjtBias.mjBIAS_AFFINE
+        if not (fixed and affine and gain > 0 and abs(bias + gain) <= 1e-6 * gain):
+            wrong = f"actuator {name} is no position servo (a motor or velocity actuator); postures are joint targets"
+            raise InputError(f"{wrong}: make it <position name={name!r} kp=... />")
+        low, high = (
+            model.actuator_ctrlrange[number].tolist() if model.actuator_ctrllimited[number] else (-np.inf, np.inf)
+        )
+        force = float(model.actuator_forcerange[number, 1]) if model.actuator_forcelimited[number] else np.inf
+        return Actuator(name, weights, low, high, gain, force)
+
+
+def _check_driven(hand: Hand) -> None:
+    driven = {joint for actuator in hand.actuators for joint in actuator.weights}
+    leader = {c.joints[0]: c.joints[1] for c in hand.couplings if c.kind == "equality"}
+    idle = ", ".join(name for name in hand.joint_names if name not in driven and leader.get(name) not in driven)
+    if idle:
+        todo = "add <position joint=... /> to the MJCF, or couple them to a joint that has one"
+        raise InputError(f"joints {idle} have no actuator; {todo}")
+    for joint in leader.values():
+        if joint in leader:
+            raise InputError(f"joint {joint} follows another and is followed; tie both to the driven joint")
+
+
+def _check_orientation(hand: Hand) -> None:
+    """Check that fingers point along z of the hand frame, pads face -y and the thumb is on the +x side."""
+    straight = np.zeros((1, len(hand.joint_names)))
+    frames, tips = hand.frames(straight), hand.tips(straight, list(hand.digits))
+    roots = {name: frames[digit.root][1][0] for name, digit in hand.digits.items()}
+    along = np.mean([tips[name][0] - roots[name] for name in hand.fingers], axis=0)
+    if int(np.argmax(np.abs(along))) != 2 or along[2] <= 0:
+        pointing = f"the straight fingers point along {np.round(along / np.linalg.norm(along), 2).tolist()}"
+        todo = "give frame.quat_wxyz, the rotation of the hand frame in the palm body"
+        raise InputError(f"{pointing} of the hand frame, not along z; {todo}")
+    pads = [name for name in hand.places if name.endswith("_pad") and not name.startswith("thumb")]
+    normals = [place.normal[0] for place in hand.place_points(straight, pads).values()]
+    outward = np.mean(normals, axis=0) if normals else np.array([0.0, -1.0, 0.0])
+    if outward[1] >= 0:
+        facing = f"the fingers' pads face {np.round(outward, 2).tolist()} of the hand frame, not -y"
+        raise InputError(f"{facing}; turn frame.quat_wxyz or correct the normals of the contact places")
+    if roots["thumb"][0] <= np.mean([roots[name][0] for name in hand.fingers]):
+        wrong = "this is a left hand, or frame.quat_wxyz is wrong; only right hands are supported"
+        raise InputError(f"the thumb is on the -x side of the hand frame: {wrong}")

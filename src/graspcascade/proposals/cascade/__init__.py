@@ -1,0 +1,1 @@
+"""The cascade: stages and factorizations as data, and the grasp sampler."""

@@ -1,0 +1,277 @@
+"""`GraspSampler`: grasps of an asked type, object and side from a trained cascade, with numpy alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import FileFormatError, InputError, check_name, unknown
+from ...core.grasps import Grasps
+from ...core.objects import GraspObject, as_object
+from ...core.poses import Pose, canonical_quat
+from ...core.tasks import Task, Tasks
+from ...core.taxonomy import GraspType, as_type
+from ...hands.hand import Hand
+from ...nets import NumpyDecoder, load_decoders, save_decoders
+from .. import Proposal, check_reach
+from .encoding import (
+    Request,
+    check_known,
+    condition,
+    encode_posture,
+    encode_request,
+    in_hand,
+    known_object,
+    shared_quantities,
+    split_targets,
+)
+from .sizes import SizeMode, SizeRule
+from .stages import Factorization, Quantity, Target
+
+Array = NDArray[np.float64]
+
+WEIGHTS_FILE = "cascade.safetensors"
+EVALUATION_FILE = "evaluation.json"
+_KIND = "grasp cascade"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GraspSampler(Proposal):
+    """Sample grasps stage by stage: posture, then position, then rotation.
+
+    Attributes:
+        name: the factorization's name.
+        hand: geometry of the hand it was trained for.
+        factorization: its stages.
+        decoders: the trained decoder of each stage.
+        sizes: which sizes to ask for.
+        metadata: what it was trained on and how.
+        size_mode: how sizes are chosen from `sizes`.
+        measured: trials of its evaluation by "type/object": ``{"held", "n", "protocol"}``; empty before there is one.
+
+    Raises:
+        InputError: an unknown size mode.
+
+    Example:
+        >>> sampler = GraspSampler.pretrained()
+        >>> sampler
+        <GraspSampler model3 for shadow_hand_right>
+        >>> sampler.sample("tip_pinch", "sphere_small", n=5, seed=1)
+        <Grasps: 5 tip_pinch of sphere_small, 22 joints of shadow_hand_right>
+    """
+
+    name: str
+    hand: Hand
+    factorization: Factorization
+    decoders: Mapping[str, NumpyDecoder]
+    sizes: SizeRule
+    metadata: dict[str, Any]
+    size_mode: SizeMode = "best"
+    measured: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_name("size mode", self.size_mode, get_args(SizeMode))
+
+    def __repr__(self) -> str:
+        """Word the sampler in one line."""
+        return f"<GraspSampler {self.name} for {self.hand.name}>"
+
+    @classmethod
+    def pretrained(cls, name: str = "default") -> GraspSampler:
+        """Load a cascade shipped with the package.
+
+        Raises:
+            InputError: no cascade of that name is shipped.
+        """
+        return cls.load(shipped_folder(name))
+
+    @classmethod
+    def load(cls, folder: Path | str) -> GraspSampler:
+        """Load a trained cascade from its folder (or weights file).
+
+        An `evaluation.json` beside the weights, as `graspcascade evaluate --out` writes it, comes along as `measured`.
+
+        Raises:
+            InputError: there is no such folder or file.
+            FileFormatError: the file is truncated, foreign or not a grasp cascade, or the evaluation is of another.
+        """
+        path = Path(folder)
+        if path.is_dir():
+            path = path / WEIGHTS_FILE
+        stored = load_decoders(path)
+        about = dict(stored.metadata)
+        if about.get("kind") != _KIND:
+            raise FileFormatError(f"{path} holds no grasp cascade")
+        try:
+            factorization = msgspec.convert(about["factorization"], Factorization)
+            sizes = msgspec.convert(about["sizes"], SizeRule)
+            hand = Hand.from_json(about["hand"])
+            missing = [stage.name for stage in factorization.stages if stage.name not in stored.decoders]
+        except (KeyError, TypeError) as error:
+            raise FileFormatError(f"{path} lacks or garbles {error}") from error
+        except (InputError, msgspec.ValidationError) as error:
+            raise FileFormatError(f"{path} cannot be read: {error}") from error
+        if missing:
+            raise FileFormatError(f"{path} lacks the weights of stage {', '.join(missing)}")
+        sampler = cls(factorization.name, hand, factorization, stored.decoders, sizes, about["training"])
+        return replace(sampler, measured=_measured(path.with_name(EVALUATION_FILE), sampler))
+
+    def save(self, folder: Path | str) -> None:
+        """Write one safetensors file whose header carries stages, hand geometry, sizes and training as JSON.
+
+        Angles are radians and lengths metres; poses are of the object in the hand frame or, where the factorization
+        says so, in the opposition frame; quaternions are wxyz.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        learned = {"factorization": asdict(self.factorization), "sizes": asdict(self.sizes)}
+        about = {"kind": _KIND, **learned, "hand": self.hand.to_json(), "training": self.metadata}
+        save_decoders(folder / WEIGHTS_FILE, self.decoders, about)
+
+    def fingerprint(self) -> str:
+        """Compute a short digest of the weights."""
+        digest = hashlib.sha256()
+        for name in sorted(self.decoders):
+            digest.update(name.encode())
+            self.decoders[name].digest_into(digest)
+        return digest.hexdigest()[:16]
+
+    def describe(self) -> dict[str, Any]:
+        """Say what an evaluation must record of it: training, networks, how sizes are chosen, and which weights."""
+        networks = {
+            stage.name: {"latent_dim": stage.latent_dim, "hidden": list(stage.hidden), "kl_weight": stage.kl_weight}
+            for stage in self.factorization.stages
+        }
+        about = {"networks": networks, "sizes": self.size_mode, "weights": self.fingerprint()}
+        return self.metadata | about
+
+    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
+        """Say where samples come from, for a file: model, hand, and what was measured for type and object."""
+        cell = f"{kind.name}/{(known_object(obj) or obj).name}"
+        measured = {cell: dict(self.measured[cell])} if cell in self.measured else {}
+        return {"source": "cascade", "model": self.name, "hand": self.hand.name, "measured": measured}
+
+    def sample(
+        self,
+        grasp_type: GraspType | str,
+        obj: GraspObject | str,
+        side_axis: str | None = None,
+        n: int = 10,
+        seed: int = 0,
+    ) -> Grasps:
+        """Draw n grasps; the same arguments give the same grasps.
+
+        Args:
+            grasp_type: a grasp type or its name.
+            obj: an object, a catalogue name or a size such as ``box:30x45x60mm``.
+            side_axis: body axis to hold it by, or None to draw among the graspable sides.
+            n: how many.
+            seed: seed of all draws.
+
+        Raises:
+            InputError: an unknown name, an object that the model does not know, a side that cannot be held, n < 1, a
+                negative seed, or, unless sizes are the paper's, a type that was never seen in training.
+        """
+        kind, target = as_type(grasp_type), as_object(obj)
+        if n < 1:
+            raise InputError(f"n must be at least 1, got {n}")
+        if seed < 0:
+            raise InputError(f"seed must not be negative, got {seed}")
+        rng = np.random.default_rng(seed)
+        if side_axis is None:
+            return self.propose_any_side(target, kind, n, rng)
+        task = Task(kind, target, target.site(side_axis, self.hand.reach_m))
+        return self.propose(Tasks.repeat(task, n), rng)
+
+    def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:
+        """Draw one grasp for each task; the same generator state gives the same grasps.
+
+        Raises:
+            InputError: a side beyond the hand's reach, an object that the model does not know or, unless sizes are the
+                paper's, a type that was never seen in training.
+        """
+        check_reach(self.hand, tasks)
+        for task in tasks.distinct:
+            check_known(task, self.factorization.object_code, self.name)
+        blank = np.full(len(tasks), np.nan)
+        sizes = self.sizes.apply(Request(tasks, blank, blank), self.size_mode, rng)
+        request = Request(tasks, *sizes)
+        quantities: dict[Quantity, Array] = dict(encode_request(request, self.factorization.object_code))
+        shared = shared_quantities(request)
+        values: dict[Target, Array] = {}
+        kinds = list(dict.fromkeys(task.grasp_type for task in tasks.table))
+        of_task = np.array([kinds.index(task.grasp_type) for task in tasks.table], dtype=np.intp)
+        for stage in self.factorization.stages:
+            given = condition(stage, quantities, shared)
+            decoder = self.decoders[stage.name].fixing(given.shared, given.shared_values)
+            values |= split_targets(stage, decoder.sample(given.by_row, rng), len(self.hand.joint_names))
+            if "posture" in stage.targets:
+                posture = self.hand.executed(values["posture"])
+                closure = self.hand.closure(posture, kinds, of_task[tasks.row])
+                quantities["posture"] = encode_posture(posture, closure.thumb_m, closure.other_m)
+            if "position" in stage.targets:
+                quantities["position"] = values["position"]
+        pose = Pose(values["position"], canonical_quat(values["rotation"]))
+        return Grasps(
+            hand=self.hand.name,
+            joint_names=self.hand.joint_names,
+            tasks=tasks,
+            posture=posture,
+            pregrasp=np.broadcast_to(self.hand.pregrasp, posture.shape).copy(),
+            X_hand_object=in_hand(pose, closure.thumb_m, closure.other_m, self.factorization.frame),
+            grasp_size_m=closure.grasp_size_m,
+            object_size_m=request.object_size_m,
+            probability=np.full(len(posture), np.nan),
+        )
+
+
+DEFAULT = "paper"
+"""The shipped cascade that `GraspSampler.pretrained()` loads."""
+
+
+def shipped_folder(name: str = "default") -> Path:
+    """Locate the folder of a shipped cascade.
+
+    Raises:
+        InputError: no cascade of that name is shipped.
+    """
+    weights = Path(str(files("graspcascade.proposals.cascade") / "weights"))
+    shipped = sorted(folder.name for folder in weights.iterdir() if folder.is_dir())
+    chosen = DEFAULT if name == "default" else name
+    if chosen not in shipped:
+        raise unknown("model", name, ["default", *shipped])
+    return weights / chosen
+
+
+def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:
+    """Read the counts of an evaluation file, nothing where there is none.
+
+    Raises:
+        FileFormatError: the file is no evaluation, or names other weights or another choice of sizes.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        about = data.get("model_metadata", {})
+        weights, sizes = about.get("weights"), about.get("sizes", sampler.size_mode)
+        protocol, rates = str(data["protocol"]), {}
+        for cell in data["cells"]:
+            counts = {"held": int(cell["held"]), "n": int(cell["n"]), "protocol": protocol}
+            rates[f"{cell['grasp_type']}/{cell['object']}"] = counts
+    except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
+        raise FileFormatError(f"{path} is no evaluation of a cascade: {error}") from error
+    if weights not in (None, sampler.fingerprint()):
+        raise FileFormatError(f"{path} is of a cascade with weights {weights}, not {sampler.fingerprint()} beside it")
+    if sizes != sampler.size_mode:
+        raise FileFormatError(f"{path} is of grasps with sizes {sizes!r}, not {sampler.size_mode!r} as sampled here")
+    return rates

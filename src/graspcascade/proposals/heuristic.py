@@ -1,0 +1,172 @@
+"""The geometric heuristic (paper, section IV): from a posture to where the object must be in the hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..core.errors import InputError
+from ..core.grasps import Grasps
+from ..core.objects import GraspObject
+from ..core.poses import Pose, canonical_quat, quat_multiply
+from ..core.tasks import Tasks, draw_tasks
+from ..core.taxonomy import GraspType
+from ..hands.hand import Hand
+from . import Proposal, check_reach
+
+if TYPE_CHECKING:
+    from .prior import PosturePrior
+
+Array = NDArray[np.float64]
+
+HEURISTIC = "heuristic"
+"""Name of the paper's heuristic among models, and stem of its evaluation's file."""
+SCREENED = "screened"
+"""Name of the heuristic that draws again where the digits cannot touch the object."""
+SCREENING_DRAWS = 200
+"""Most draws of a posture for one grasp of the screened heuristic."""
+
+
+@dataclass(frozen=True, eq=False)
+class Heuristic(Proposal):
+    """Draw postures from the prior and place each object between the opposing contact places.
+
+    Attributes:
+        hand: the hand.
+        prior: what postures are drawn from.
+        most_draws: how often a posture is drawn for a grasp whose opposing places are too far apart to touch the object
+            (see `cannot_touch`). 1 is the paper's heuristic; above 1 this screens, as a collection does, but keeps the
+            side asked for; a grasp that no draw helps stays the last one.
+
+    Raises:
+        InputError: the prior is of other joints than the hand.
+
+    Example:
+        >>> import numpy as np
+        >>> from graspcascade import Task, Tasks, load_hand
+        >>> from graspcascade.proposals.prior import PosturePrior
+        >>> heuristic = Heuristic(load_hand("shadow"), PosturePrior.pretrained(), most_draws=200)
+        >>> heuristic.propose(Tasks.repeat(Task.of("tripod", "box:32x41x60mm", "x"), 4), np.random.default_rng(0))
+        <Grasps: 4 tripod of box:32x41x60mm, 22 joints of shadow_hand_right>
+    """
+
+    hand: Hand
+    prior: PosturePrior
+    most_draws: int = 1
+
+    def __post_init__(self) -> None:
+        self.prior.columns_of(self.hand)
+        if self.most_draws < 1:
+            raise InputError(f"most_draws must be at least 1, got {self.most_draws}")
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Name that rates are quoted under."""
+        return HEURISTIC if self.most_draws == 1 else SCREENED
+
+    def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
+        for task in tasks.distinct:
+            self.hand.check_type(task.grasp_type)
+        postures = self._postures(tasks.grasp_type, rng)
+        grasps = place(self.hand, postures, tasks, rng)
+        for _ in range(self.most_draws - 1):
+            rows = np.flatnonzero(cannot_touch(self.hand, grasps))
+            if not rows.size:
+                break
+            postures[rows] = self._postures(tasks.grasp_type[rows], rng)
+            grasps = place(self.hand, postures, tasks, rng)
+        return grasps
+
+    def propose_any_side(self, obj: GraspObject, kind: GraspType, n: int, rng: np.random.Generator) -> Grasps:
+        """Draw n grasps of an object, each by a side drawn among those the hand can hold.
+
+        Raises:
+            InputError: see `Proposal.propose_any_side`.
+        """
+        if self.most_draws > 1:
+            return super().propose_any_side(obj, kind, n, rng)
+        # Postures are drawn before sides: the order in which published collections drew them.
+        self.hand.check_type(kind)
+        postures = self._postures(np.full(n, kind.name), rng)
+        return place(self.hand, postures, draw_tasks([(obj, kind)], n, self.hand.reach_m, rng), rng)
+
+    def _postures(self, grasp_types: NDArray[np.str_], rng: np.random.Generator) -> Array:
+        return self.prior.sample(grasp_types, rng)[:, self.prior.columns_of(self.hand)]
+
+    def describe(self) -> dict[str, Any]:
+        """Say for a record which prior postures are drawn from, and whether grasps are screened."""
+        screening = {"most_draws": self.most_draws} if self.most_draws > 1 else {}
+        return {"prior": self.prior.fingerprint()} | screening
+
+
+def place(hand: Hand, postures: ArrayLike, tasks: Tasks, rng: np.random.Generator) -> Grasps:
+    """Place each object between the opposing contact places of its posture.
+
+    The site's centre goes to the middle of the opposition pair of the executed posture, and its axis along the line
+    between the pair. The angle about that line is free and drawn evenly.
+
+    Args:
+        hand: the hand.
+        postures: ``(n, J)`` radians.
+        tasks: n tasks.
+        rng: draws the free angles; the same generator state gives the same grasps.
+
+    Raises:
+        InputError: lengths that differ, a side beyond the hand's reach, or a hand that lacks a contact place of a type.
+    """
+    postures = hand.executed(np.atleast_2d(np.asarray(postures, dtype=np.float64)))
+    if len(postures) != len(tasks):
+        raise InputError(f"got {len(postures)} postures for {len(tasks)} tasks")
+    check_reach(hand, tasks)
+    thumb, other = opposition_points(hand, postures, tasks)
+    turn = rng.uniform(0.0, 2 * np.pi, len(tasks))
+    axes = tasks.column(lambda task: task.site.axis, np.float64).reshape(len(tasks), 3)
+    centres = tasks.column(lambda task: task.site.centre_m, np.float64).reshape(len(tasks), 3)
+    pose = Pose((thumb + other) / 2, _align(axes, other - thumb, turn))
+    if centres.any():
+        pose = Pose(pose.apply(-centres), pose.quat_wxyz)
+    return Grasps(
+        hand=hand.name,
+        joint_names=hand.joint_names,
+        tasks=tasks,
+        posture=postures,
+        pregrasp=np.broadcast_to(hand.pregrasp, postures.shape).copy(),
+        X_hand_object=pose,
+        grasp_size_m=hand.grasp_size(postures),
+        object_size_m=np.full(len(tasks), np.nan),
+        probability=np.full(len(tasks), np.nan),
+    )
+
+
+def opposition_points(hand: Hand, postures: Array, tasks: Tasks) -> tuple[Array, Array]:
+    """Locate the opposition pairs ``(n, 3)``, thumb first, of postures of mixed types, metres in the hand frame.
+
+    Raises:
+        InputError: the hand lacks a contact place of a type.
+    """
+    thumb, other = np.zeros((len(postures), 3)), np.zeros((len(postures), 3))
+    for kind, rows in tasks.groups(lambda task: task.grasp_type):
+        thumb[rows], other[rows] = hand.opposition(postures[rows], kind)
+    return thumb, other
+
+
+def cannot_touch(hand: Hand, grasps: Grasps) -> NDArray[np.bool_]:
+    """Tell which grasps' opposing places stay farther apart than the side is wide, so that closing cannot touch.
+
+    Collection skips these; the heuristic's own success rate counts them.
+    """
+    thumb, other = opposition_points(hand, grasps.posture, grasps.tasks)
+    return np.asarray(np.linalg.norm(other - thumb, axis=-1) > grasps.side_m)
+
+
+def _align(axes: Array, direction: Array, turn: Array) -> Array:
+    """Rotate body axes ``(n, 3)`` onto directions by the smallest rotation, then turn about them."""
+    unit = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+    # An axis has no sign (half-turns are symmetries), so the shorter of the two ways round is taken.
+    body = np.where((axes * unit).sum(axis=-1, keepdims=True) < 0, -axes, axes)
+    smallest = np.concatenate([1.0 + (body * unit).sum(axis=-1, keepdims=True), np.cross(body, unit)], axis=-1)
+    about = np.concatenate([np.cos(turn / 2)[:, None], np.sin(turn / 2)[:, None] * unit], axis=-1)
+    return canonical_quat(quat_multiply(about, canonical_quat(smallest)))

@@ -1,0 +1,105 @@
+"""The posture prior: a conditional VAE given the grasp type alone, from which the heuristic draws its postures."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..core.errors import FileFormatError, InputError
+from ..core.taxonomy import GRASP_TYPES, as_type
+from ..hands.hand import Hand
+from ..nets import NumpyDecoder, load_decoders, save_decoders
+
+_DECODER = "prior"
+"""Name of the decoder in a stored prior."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PosturePrior:
+    """Draw random postures of a grasp type.
+
+    Attributes:
+        joint_names: names of the posture's columns.
+        decoder: the trained decoder.
+        metadata: what it was trained on and how.
+
+    Example:
+        >>> import numpy as np
+        >>> prior = PosturePrior.pretrained()
+        >>> prior
+        <PosturePrior of 22 joints>
+        >>> prior.sample(["tripod", "tip_pinch"], np.random.default_rng(0)).shape
+        (2, 22)
+    """
+
+    joint_names: tuple[str, ...]
+    decoder: NumpyDecoder
+    metadata: dict[str, Any]
+
+    def __repr__(self) -> str:
+        """Word the prior in one line."""
+        return f"<PosturePrior of {len(self.joint_names)} joints>"
+
+    def sample(self, grasp_types: ArrayLike, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Draw one posture ``(n, J)`` in radians for each type name; not clipped to limits."""
+        return self.decoder.sample(type_codes(grasp_types), rng)
+
+    def columns_of(self, hand: Hand) -> NDArray[np.intp]:
+        """Locate a hand's joints ``(J,)`` among the columns of this prior's postures.
+
+        A hand that has some of the joints, such as the same hand without a finger, can be given this prior's postures.
+
+        Raises:
+            InputError: the hand has other joints.
+        """
+        absent = [name for name in hand.joint_names if name not in self.joint_names]
+        if absent:
+            raise InputError(
+                f"the prior's postures are of the joints {', '.join(self.joint_names)} and lack {', '.join(absent)} of "
+                f"{hand.name}; train the prior for this hand"
+            )
+        return np.array([self.joint_names.index(name) for name in hand.joint_names], dtype=np.intp)
+
+    def fingerprint(self) -> str:
+        """Digest the weights to 16 hexadecimal digits; a dataset records those of its prior."""
+        digest = hashlib.sha256()
+        self.decoder.digest_into(digest)
+        return digest.hexdigest()[:16]
+
+    def save(self, path: Path) -> None:
+        """Write the prior, its metadata inside, to one safetensors file."""
+        save_decoders(path, {_DECODER: self.decoder}, {"joint_names": list(self.joint_names), **self.metadata})
+
+    @classmethod
+    def load(cls, path: Path | str) -> PosturePrior:
+        """Read a prior.
+
+        Raises:
+            InputError: there is no such file.
+            FileFormatError: the file is truncated, foreign or not a prior.
+        """
+        stored = load_decoders(Path(path))
+        if _DECODER not in stored.decoders:
+            raise FileFormatError(f"{path} holds {', '.join(stored.decoders)}, not a posture prior")
+        metadata = dict(stored.metadata)
+        if "joint_names" not in metadata:
+            raise FileFormatError(f"{path} does not name its joints and is not a posture prior")
+        return cls(tuple(metadata.pop("joint_names")), stored.decoders[_DECODER], metadata)
+
+    @classmethod
+    def pretrained(cls) -> PosturePrior:
+        """Read the prior shipped with the package."""
+        return cls.load(str(files("graspcascade.proposals") / "prior.safetensors"))
+
+
+def type_codes(grasp_types: ArrayLike) -> NDArray[np.float32]:
+    """Encode type names ``(n,)`` as one-hot rows ``(n, 6)``."""
+    names = np.asarray(grasp_types, dtype=str)
+    order = list(GRASP_TYPES)
+    return np.eye(len(order), dtype=np.float32)[[order.index(as_type(str(name)).name) for name in names]]

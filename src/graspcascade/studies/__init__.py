@@ -1,0 +1,1 @@
+"""Studies: make seeds, train, collect, evaluate."""

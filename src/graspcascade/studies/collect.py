@@ -1,0 +1,270 @@
+"""Resumable collection: rounds of screened candidates through the trials, one shard a round."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError
+from ..core.grasps import Grasps
+from ..core.machine import peak_rss_mb, versions
+from ..core.outcomes import Outcomes
+from ..core.protocols import PAPER, Protocol
+from ..engines import Engine, as_engine
+from ..engines.mujoco.creep import FAST_FORWARD
+from ..proposals.heuristic import Heuristic, cannot_touch
+from .dataset import is_intact, open_folder, shard_path, to_columns, write_metadata, write_shard
+from .rounds import CELLS, Pair, objects_of, try_round
+
+MOST_DRAWS_PER_TRIAL = 1000
+"""Candidates drawn of a cell for each trial of a round before it is called hopeless; the shipped prior needs three."""
+RARE_RATE, RARE_AFTER_TRIALS = 0.05, 1000
+"""An object and type of which less than this share holds, after so many trials, is hardly worth waiting for."""
+
+
+@dataclass(frozen=True)
+class CollectionSpec:
+    """Say how much to collect; collection ends when every cell has enough of both.
+
+    Raises:
+        InputError: a number is negative, a round is empty or nothing is asked for.
+    """
+
+    trials_per_cell: int = 1200
+    """Trials for each object and type, rounded up to whole rounds; 0 asks for none."""
+    successes_per_cell: int = 0
+    """Held grasps for each object and type; 0 asks for none."""
+    most_trials_per_cell: int = 0
+    """A cell is given up after the round that reaches so many trials, whatever it lacks; 0 for never. Some cells hardly
+    ever hold."""
+    round_per_cell: int = 200
+    """Trials of an unfinished cell in one round; a round is one shard and all that an interruption can lose."""
+    seed: int = 0
+    """Seed of every draw; the same seed gives the same rows whatever the threads or interruptions."""
+
+    def __post_init__(self) -> None:
+        for name in ("trials_per_cell", "successes_per_cell", "most_trials_per_cell", "seed"):
+            if not getattr(self, name) >= 0:
+                raise InputError(f"{name} must not be negative, got {getattr(self, name)}")
+        if not self.round_per_cell >= 1:
+            raise InputError(f"round_per_cell must be at least 1, got {self.round_per_cell}")
+        if self.trials_per_cell == 0 and self.successes_per_cell == 0:
+            raise InputError("nothing to collect: give trials_per_cell or successes_per_cell")
+
+
+@dataclass(frozen=True)
+class CollectionState:
+    """Report how far a collection is: rounds written, and trials and held grasps of each cell ``(cells,)``."""
+
+    rounds: int
+    trials: NDArray[np.int64]
+    held: NDArray[np.int64]
+    faithful: NDArray[np.int64]
+    lost: tuple[str, ...] = ()
+    """Shards that are missing or no longer what was written; they are collected again before anything else."""
+
+    @classmethod
+    def of(
+        cls, shards: Sequence[Mapping[str, Any]], lost: Collection[int] = (), n_cells: int = len(CELLS)
+    ) -> CollectionState:
+        """Count the shards that a collection's metadata lists, but for the lost ones, given by their numbers."""
+        present = [shard for number, shard in enumerate(shards) if number not in lost]
+
+        def total(key: str) -> NDArray[np.int64]:
+            counts = np.array([shard[key] for shard in present], dtype=np.int64).reshape(-1, n_cells)
+            return np.asarray(counts.sum(axis=0))
+
+        files = tuple(str(shards[number]["file"]) for number in lost)
+        return cls(len(present), total("trials"), total("held"), total("faithful"), files)
+
+    def short(self, spec: CollectionSpec) -> NDArray[np.int64]:
+        """List the indices of the cells that lack trials or successes."""
+        return np.flatnonzero((self.trials < spec.trials_per_cell) | (self.held < spec.successes_per_cell))
+
+    def rare(self, spec: CollectionSpec) -> NDArray[np.int64]:
+        """List the indices of unfinished cells that hold too rarely to be waited for (see `RARE_RATE`).
+
+        None where such cells will be given up anyway.
+        """
+        if spec.most_trials_per_cell:
+            return np.empty(0, dtype=np.int64)
+        cells = self.unfinished(spec)
+        trials, held = self.trials[cells], self.held[cells]
+        rare = (held < spec.successes_per_cell) & (trials >= RARE_AFTER_TRIALS) & (held < RARE_RATE * trials)
+        return cells[rare]
+
+    def unfinished(self, spec: CollectionSpec) -> NDArray[np.int64]:
+        """List the indices of the cells that still get trials: short of something, and not given up."""
+        short, most = self.short(spec), spec.most_trials_per_cell
+        return short[self.trials[short] < most] if most else short
+
+
+def collect(
+    proposal: Heuristic,
+    spec: CollectionSpec,
+    folder: Path | str,
+    *,
+    protocol: Protocol = PAPER,
+    engine: Engine | None = None,
+    cells: Sequence[Pair] = CELLS,
+    workers: int = 1,
+    progress: Callable[[CollectionState], None] | None = None,
+    tick: Callable[[int], None] | None = None,
+) -> CollectionState:
+    """Collect trials into a folder, going on where an earlier call with the same arguments was cut off.
+
+    Shards that were lost since are collected again, with the same rows.
+
+    Args:
+        proposal: where candidates come from, and for which hand.
+        spec: how much.
+        folder: made if needed.
+        protocol: the trial.
+        engine: what tries them; by default MuJoCo on all processors, abridging the time under weight.
+        cells: pairs of object and type; those of types that the hand cannot make get no trials.
+        workers: processes to try in, 0 for as many as processors; 1 stays in this one.
+        progress: called at the start and after each round.
+        tick: called within a round with the number of trials decided since the last call.
+
+    Raises:
+        InputError: the folder holds a collection with other arguments, or something else, or another process is
+            collecting into it; or the prior's postures can hardly touch an object.
+        FileFormatError: the metadata of its collection cannot be read.
+    """
+    folder, hand, cells = Path(folder), proposal.hand, tuple(cells)
+    engine = as_engine(creep=FAST_FORWARD) if engine is None else engine
+    identity = {
+        "hand": hand.name,
+        "hand_fingerprint": hand.fingerprint(),
+        "joint_names": list(hand.joint_names),
+        "pregrasp_rad": hand.pregrasp.tolist(),
+        "prior": proposal.prior.fingerprint(),
+        "digits": list(hand.digits),
+        "protocol": protocol.to_json(),
+        "creep_projection": engine.abridged,
+        "objects": objects_of(cells),
+        "screening": "candidates whose opposing places stay farther apart than the side is wide are skipped",
+        "seed": spec.seed,
+        "round_per_cell": spec.round_per_cell,
+        # The shards' bytes are pyarrow's.
+        "versions": versions() | {"pyarrow": version("pyarrow")},
+    }
+    if cells != CELLS:
+        identity["cells"] = [[obj.name, kind.name] for obj, kind in cells]
+    empty = {"collection": asdict(spec), "counts": {}, "shards": []}
+    with open_folder(folder, "collection", identity, empty) as metadata:
+        shards = metadata["shards"]
+        # More may be asked of a finished collection: rows so far stay what they are.
+        if metadata["collection"] != asdict(spec):
+            before = {"rounds": len(shards), "collection": metadata["collection"]}
+            metadata["asked_before"] = [*metadata.get("asked_before", []), before]
+            metadata["collection"] = asdict(spec)
+        lost = [n for n, shard in enumerate(shards) if not is_intact(folder / shard["file"], shard["sha256"])]
+        while True:
+            state = CollectionState.of(shards, lost, len(cells))
+            if progress is not None:
+                progress(state)
+            # A lost shard gets the cells that it had, as its counts tell, whatever is asked for by now.
+            number = lost[0] if lost else len(shards)
+            wanting = np.flatnonzero(shards[number]["trials"]) if lost else state.unfinished(spec)
+            asked = [cell for cell in wanting.tolist() if cells[cell][1] in hand.grasp_types]
+            if not asked:
+                return state
+            begun = time.perf_counter()
+            grasps, n_skipped = draw_round(proposal, asked, number, spec, cells)
+            draw = CollectionRound(proposal, tuple(asked), number, spec, cells)
+            outcomes = try_round(grasps, draw, hand, protocol, engine, workers=workers, progress=tick)
+            path = shard_path(folder, number)
+            digest = write_shard(path, to_columns(grasps, outcomes))
+            about = {"file": path.name, "sha256": digest, "rows": len(grasps), "screened_out": n_skipped}
+            shards[number : number + 1] = [about | _count(cells, grasps, outcomes)]
+            del lost[:1]
+            # Kept apart from what the same seed gives again.
+            spent = {"seconds": round(time.perf_counter() - begun, 3), "peak_rss_mb": round(peak_rss_mb(), 1)}
+            metadata.setdefault("effort", {})[path.name] = spent
+            metadata["counts"] = _totals(cells, shards)
+            write_metadata(folder, metadata)
+
+
+@dataclass(frozen=True)
+class CollectionRound:
+    """Draw one round of a collection (see `draw_round`)."""
+
+    proposal: Heuristic
+    asked: tuple[int, ...]
+    number: int
+    spec: CollectionSpec
+    cells: tuple[Pair, ...] = CELLS
+
+    def __call__(self) -> Grasps:
+        """Draw it."""
+        return draw_round(self.proposal, self.asked, self.number, self.spec, self.cells)[0]
+
+
+def draw_round(
+    proposal: Heuristic, asked: Sequence[int], number: int, spec: CollectionSpec, cells: Sequence[Pair] = CELLS
+) -> tuple[Grasps, int]:
+    """Draw one round's candidates, skipping those that cannot touch.
+
+    Args:
+        proposal: where candidates come from.
+        asked: indices of the cells to draw for.
+        number: the round's.
+        spec: rows of each cell, and the seed.
+        cells: pairs of object and type.
+
+    Returns:
+        The candidates, `round_per_cell` for each cell, and how many were skipped.
+
+    Raises:
+        InputError: hardly any candidate of a cell can touch (see `MOST_DRAWS_PER_TRIAL`).
+    """
+    parts, skipped = [], 0
+    for cell in asked:
+        obj, kind = cells[cell]
+        rng = np.random.default_rng([spec.seed, number, int(cell)])
+        missing, n_drawn = spec.round_per_cell, 0
+        while missing > 0:
+            if n_drawn >= MOST_DRAWS_PER_TRIAL * spec.round_per_cell:
+                raise InputError(
+                    f"only {spec.round_per_cell - missing} of {n_drawn} {kind.name} candidates for {obj.name} can "
+                    "touch it, as their opposing places are farther apart than its sides are wide; "
+                    f"give a prior whose {kind.name} postures are narrower"
+                )
+            drawn = proposal.propose_any_side(obj, kind, 2 * missing, rng)
+            n_drawn += len(drawn)
+            hopeless = cannot_touch(proposal.hand, drawn)
+            useful = np.flatnonzero(~hopeless)[:missing]
+            # Draws beyond the last one taken were not looked at and do not count as skipped.
+            seen = len(drawn) if len(useful) < missing else int(useful[-1]) + 1
+            skipped += int(hopeless[:seen].sum())
+            parts.append(drawn[useful])
+            missing -= len(useful)
+    return Grasps.concatenate(parts), skipped
+
+
+def _count(cells: Sequence[Pair], grasps: Grasps, outcomes: Outcomes) -> dict[str, list[int]]:
+    places = {(obj.name, kind.name): place for place, (obj, kind) in enumerate(cells)}
+    cell = grasps.tasks.column(lambda task: places[task.cell], np.intp)
+    rows = {"trials": np.full(len(grasps), True), "held": outcomes.held, "faithful": outcomes.faithful(grasps)}
+    return {name: np.bincount(cell[chosen], minlength=len(cells)).tolist() for name, chosen in rows.items()}
+
+
+def _totals(cells: Sequence[Pair], shards: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    state = CollectionState.of(shards, n_cells=len(cells))
+    counts = {"trials": state.trials, "held": state.held, "faithful": state.faithful}
+    return {
+        **{name: int(count.sum()) for name, count in counts.items()},
+        "screened_out": sum(shard["screened_out"] for shard in shards),
+        "cells": [
+            {"object": obj.name, "grasp_type": kind.name} | {name: int(n[place]) for name, n in counts.items()}
+            for place, (obj, kind) in enumerate(cells)
+        ],
+    }

@@ -1,0 +1,246 @@
+"""Datasets: Parquet shards in a folder with a metadata file; writing is atomic, reading is checked.
+
+Every column is a plain scalar, joints by name, so that pyarrow, pandas and Hugging Face `datasets` read shards as they
+are. SI units; frames as in `Grasps` and `Outcomes`. Real numbers are stored in single precision.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import FileFormatError, InputError
+from ..core.files import holds_nothing, read_json, sole_writer, write_json, write_staged
+from ..core.grasps import Grasps
+from ..core.outcomes import PALM, Outcomes
+from ..core.poses import Pose, canonical_quat
+from ..core.records import Columns, gather, gather_pose, read_tasks, spread, spread_pose
+from ..core.taxonomy import DIGITS
+
+METADATA_FILE = "metadata.json"
+SCHEMA_VERSION = 1
+
+_GRASP_NUMBERS = ("side_m", "grasp_size_m")
+_OUTCOME_NUMBERS = ("object_size_m", "displacement_m", "duration_s")
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Hold a dataset in memory.
+
+    Attributes:
+        grasps: every trial's grasp; `object_size_m` is what the trial measured.
+        outcomes: what became of each.
+        metadata: schema version, protocol, hand, objects, seed, counts, versions, checksums.
+    """
+
+    grasps: Grasps
+    outcomes: Outcomes
+    metadata: dict[str, Any]
+
+
+def load_dataset(folder: Path | str) -> Dataset:
+    """Load a dataset whole.
+
+    Raises:
+        FileFormatError: a file is missing, truncated or foreign.
+        InputError: the dataset is empty.
+    """
+    folder = Path(folder)
+    metadata = read_metadata(folder)
+    if not metadata["shards"]:
+        raise InputError(f"{folder} holds no shards yet")
+    parts = [_read_shard(folder / entry["file"], entry["sha256"]) for entry in metadata["shards"]]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    grasps, outcomes = from_columns(columns, metadata)
+    return Dataset(grasps, outcomes, metadata)
+
+
+def _read_shard(path: Path, sha256: str) -> Columns:
+    """Read a shard's columns, the file once for the table and the checksum."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        content = path.read_bytes()
+        with pq.ParquetFile(pa.BufferReader(content)) as file:
+            table = file.read()
+    except (pa.ArrowException, OSError) as error:
+        raise FileFormatError(f"{path} is not a readable Parquet shard: {str(error).splitlines()[0]}") from error
+    # A shard of another collection under this name is readable, yet not what the metadata speaks of.
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise FileFormatError(f"{path} is not the shard that {METADATA_FILE} lists: its checksum differs")
+    return {name: table.column(name).to_numpy() for name in table.column_names}
+
+
+# Columns
+
+
+def to_columns(grasps: Grasps, outcomes: Outcomes) -> Columns:
+    """Spread grasps and their outcomes over named scalar columns."""
+    columns: Columns = {"grasp_type": grasps.grasp_type, "object_label": grasps.object_name}
+    columns |= {"side_axis": grasps.side_axis, "verdict": outcomes.verdict}
+    columns |= {"held": outcomes.held, "faithful": outcomes.faithful(grasps)}
+    columns |= {name: getattr(grasps, name) for name in _GRASP_NUMBERS}
+    columns |= {name: getattr(outcomes, name) for name in _OUTCOME_NUMBERS}
+    columns |= spread("posture", grasps.joint_names, grasps.posture)
+    columns |= spread("settled", grasps.joint_names, outcomes.settled_posture)
+    columns |= spread_pose("object", grasps.X_hand_object)
+    columns |= spread_pose("settled_object", outcomes.X_hand_object_settled)
+    columns |= spread("touch_closed", outcomes.touch_columns, outcomes.touching_closed)
+    columns |= spread("touch_end", outcomes.touch_columns, outcomes.touching_end)
+    return {name: v.astype(np.float32) if v.dtype == np.float64 else v for name, v in columns.items()}
+
+
+def from_columns(columns: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) -> tuple[Grasps, Outcomes]:
+    """Rebuild grasps and outcomes from shard columns.
+
+    Args:
+        columns: of one or more shards.
+        about: the dataset's metadata: hand, joint names, pregrasp, digits, and objects that are not spelled by size.
+
+    Raises:
+        FileFormatError: a column is missing, or a row names a task that cannot be.
+    """
+    joint_names, digits = tuple(about["joint_names"]), tuple(about.get("digits", DIGITS))
+    touch = (*digits, PALM)
+    try:
+        types, objects, axes = (columns[name] for name in ("grasp_type", "object_label", "side_axis"))
+        numbers = {name: np.asarray(columns[name], dtype=np.float64) for name in (*_GRASP_NUMBERS, *_OUTCOME_NUMBERS)}
+        posture = gather(columns, "posture", joint_names)
+        grasps = Grasps(
+            hand=str(about.get("hand", "")),
+            joint_names=joint_names,
+            tasks=read_tasks(types, objects, axes, numbers["side_m"], about.get("objects", {})),
+            posture=posture,
+            pregrasp=np.broadcast_to(np.asarray(about["pregrasp_rad"]), posture.shape).copy(),
+            X_hand_object=_unit_pose(columns, "object"),
+            grasp_size_m=numbers["grasp_size_m"],
+            object_size_m=numbers["object_size_m"],
+            probability=np.full(len(posture), np.nan),
+        )
+        outcomes = Outcomes(
+            digits=digits,
+            verdict=np.asarray(columns["verdict"], dtype=str),
+            touching_closed=gather(columns, "touch_closed", touch).astype(bool),
+            touching_end=gather(columns, "touch_end", touch).astype(bool),
+            settled_posture=gather(columns, "settled", joint_names),
+            X_hand_object_settled=_unit_pose(columns, "settled_object"),
+            **{name: numbers[name] for name in _OUTCOME_NUMBERS},
+        )
+    except KeyError as error:
+        raise FileFormatError(f"the dataset lacks column {error.args[0]!r}") from error
+    return grasps, outcomes
+
+
+def _unit_pose(columns: Mapping[str, NDArray[Any]], prefix: str) -> Pose:
+    # Single precision shortens quaternions a little; they are made unit again.
+    stored = gather_pose(columns, prefix)
+    return Pose(stored.position_m, canonical_quat(stored.quat_wxyz))
+
+
+# Folders
+
+
+@contextmanager
+def open_folder(
+    folder: Path, what: str, identity: Mapping[str, Any], empty: Mapping[str, Any]
+) -> Iterator[dict[str, Any]]:
+    """Open a folder of rounds, new or of an earlier call with the same arguments, and keep others out meanwhile.
+
+    Args:
+        folder: made if needed.
+        what: what it is to hold, for a message.
+        identity: entries of the metadata that say what its rows rest on; the schema version is added.
+        empty: further entries of the metadata of a new folder.
+
+    Yields:
+        The metadata, to be changed in place and written with `write_metadata`.
+
+    Raises:
+        InputError: the folder holds rounds with other arguments, or something else, or another process writes to it.
+        FileFormatError: its metadata cannot be read.
+    """
+    identity = {"schema_version": SCHEMA_VERSION} | dict(identity)
+    with sole_writer(folder):
+        if (folder / METADATA_FILE).exists():
+            metadata = read_metadata(folder)
+            differing = [key for key, value in identity.items() if metadata.get(key) != value]
+            if differing:
+                raise InputError(
+                    f"{folder} holds rounds with another {', '.join(differing)}; "
+                    "give the same arguments to go on with it, or another folder"
+                )
+        elif not holds_nothing(folder):
+            raise InputError(f"{folder} is not empty and holds no {what}; give an empty or new folder")
+        else:
+            metadata = identity | dict(empty)
+            write_metadata(folder, metadata)
+        yield metadata
+
+
+def read_metadata(folder: Path) -> dict[str, Any]:
+    """Read and check the metadata file.
+
+    Raises:
+        FileFormatError: it is missing, not JSON or of another schema.
+    """
+    path = folder / METADATA_FILE
+    if not path.is_file():
+        raise FileFormatError(f"{folder} is not a graspcascade dataset: it has no {METADATA_FILE}")
+    metadata = read_json(path)
+    if not isinstance(metadata, dict) or "schema_version" not in metadata:
+        raise FileFormatError(f"{path} is not readable dataset metadata: it lacks a schema version")
+    version = metadata["schema_version"]
+    if version != SCHEMA_VERSION:
+        raise FileFormatError(f"{path} has schema version {version}; this version reads {SCHEMA_VERSION}")
+    missing = [key for key in ("joint_names", "pregrasp_rad", "shards") if key not in metadata]
+    if missing:
+        raise FileFormatError(f"{path} is not readable dataset metadata: it lacks {', '.join(missing)}")
+    return metadata
+
+
+def write_metadata(folder: Path, metadata: dict[str, Any]) -> None:
+    """Write the metadata file atomically."""
+    write_json(folder / METADATA_FILE, metadata)
+
+
+def shard_path(folder: Path, number: int) -> Path:
+    """Name the file of a round's shard."""
+    return folder / f"part-{number:05d}.parquet"
+
+
+def write_shard(path: Path, columns: Columns) -> str:
+    """Write one shard atomically and return its sha256."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    arrays = {
+        name: pa.array(values.astype(object), pa.string()).dictionary_encode()
+        if values.dtype.kind == "U"
+        else pa.array(values)
+        for name, values in columns.items()
+    }
+    write_staged(path, lambda staged: pq.write_table(pa.table(arrays), staged, compression="zstd"))
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def is_intact(path: Path, sha256: str) -> bool:
+    """Tell whether a shard is there with the content that its checksum is of."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest() == sha256
+    except FileNotFoundError:
+        return False
+
+
+def shards_digest(metadata: Mapping[str, Any]) -> str:
+    """Compute a short digest of all shards' checksums, by which a trained model names its dataset."""
+    sums = "".join(shard["sha256"] for shard in metadata.get("shards", []))
+    return hashlib.sha256(sums.encode()).hexdigest()[:16]

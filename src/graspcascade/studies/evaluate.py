@@ -1,0 +1,238 @@
+"""Resumable evaluation: every cell gets the same number of full-length trials, in rounds that depend on seeds alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import FileFormatError, InputError
+from ..core.grasps import Grasps
+from ..core.machine import versions
+from ..core.outcomes import VERDICTS, Outcomes
+from ..core.protocols import PAPER, Protocol
+from ..core.tasks import draw_tasks
+from ..engines import Engine, as_engine
+from ..hands import Hand, load_hand
+from ..proposals import Proposal
+from ..proposals.cascade.sampler import EVALUATION_FILE
+from .dataset import METADATA_FILE, is_intact, open_folder, shard_path, to_columns, write_metadata, write_shard
+from .record import Cell, Evaluation
+from .rounds import CELLS, Pair, objects_of, try_round
+
+ROUND_PER_CELL = 20
+"""Trials of a cell in one round; a round is all that an interruption can lose."""
+
+_SAME_SOURCE_TOLERANCE = 1e-5
+"""Rounding of another processor stays below, another model's mean grasp does not."""
+_STREAM = 0xE7A1
+"""Keeps the draws of an evaluation apart from those of a collection with the same seed."""
+
+
+def evaluate(
+    proposal: Proposal,
+    *,
+    per_cell: int,
+    seed: int,
+    protocol: Protocol = PAPER,
+    hand: Hand | None = None,
+    engine: Engine | None = None,
+    workers: int = 1,
+    out: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    cells: Sequence[Pair] = CELLS,
+    name: str | None = None,
+    metadata: Mapping[str, Any] | None = None,
+) -> Evaluation:
+    """Execute grasps of a proposal for every object and type, and count what becomes of them.
+
+    The side of each grasp is drawn uniformly from the object's graspable sides. Every trial runs to its end. The
+    numbers depend on the arguments and versions alone, not on threads, processes or interruptions.
+
+    Args:
+        proposal: draws the grasps.
+        per_cell: trials for each object and type.
+        seed: seed of every draw.
+        protocol: what is done and what counts.
+        hand: the hand to execute with; by default the proposal's.
+        engine: what tries them; by default MuJoCo on all processors.
+        workers: processes to try in, 0 for as many as processors; 1 stays in this one.
+        out: folder that keeps finished rounds (rows as Parquet where pyarrow is installed) and the final
+            `evaluation.json`; the same call goes on where an earlier one was cut off, and executes rounds whose rows
+            were lost since again. None keeps nothing.
+        progress: called with trials done and trials in all.
+        cells: pairs of object and grasp type.
+        name: what the numbers are quoted under; by default the proposal's name.
+        metadata: JSON-able facts of the model, recorded with the numbers; by default the proposal's.
+
+    Raises:
+        InputError: nothing to do, an abridging engine, a proposal that answers something else than it was asked, or a
+            folder that holds an evaluation with other arguments or that another process is writing to.
+        FileFormatError: the folder holds something else.
+
+    Example:
+        >>> from graspcascade import GRASP_TYPES, GraspSampler, as_object
+        >>> cells = [(as_object("box_medium"), GRASP_TYPES["tripod"])]
+        >>> result = evaluate(GraspSampler.pretrained(), per_cell=2, seed=0, cells=cells)
+        >>> result.protocol.name, result.n
+        ('paper', 2)
+    """
+    engine = as_engine() if engine is None else engine
+    if engine.abridged is not None:
+        raise InputError("an evaluation computes every step; give an engine with creep=None")
+    hand = load_hand(proposal.hand.name) if hand is None and proposal.hand.mjcf is None else hand or proposal.hand
+    name = proposal.name if name is None else name
+    if per_cell < 1 or seed < 0:
+        raise InputError(f"per_cell must be at least 1 and seed not negative, got {per_cell} and {seed}")
+    identity: dict[str, Any] = {
+        "kind": "graspcascade evaluation rounds",
+        "model": name,
+        "model_metadata": _plain(proposal.describe() if metadata is None else metadata),
+        "protocol": protocol.to_json(),
+        "hand": hand.name,
+        "hand_fingerprint": hand.fingerprint(),
+        "joint_names": list(hand.joint_names),
+        "digits": list(hand.digits),
+        "pregrasp_rad": hand.pregrasp.tolist(),
+        "objects": objects_of(cells),
+        "cells": [[obj.name, kind.name] for obj, kind in cells],
+        "seed": seed,
+        "per_cell": per_cell,
+        "round_per_cell": ROUND_PER_CELL,
+        "versions": versions(),
+    }
+    rounds = [min(ROUND_PER_CELL, per_cell - start) for start in range(0, per_cell, ROUND_PER_CELL)]
+    draws = [EvaluationRound(proposal, tuple(cells), n, seed, number) for number, n in enumerate(rounds)]
+    with _open(out, identity, len(cells)) as (metadata, lost):
+        kept = metadata["rounds"]
+        if kept:
+            _check_source(metadata, draws[0](), out)
+        there = sum(n for number, n in enumerate(rounds[: len(kept)]) if number not in lost)
+        done = there * len(cells)
+
+        def tell(decided: int) -> None:
+            nonlocal done
+            done += decided
+            if progress is not None:
+                progress(done, per_cell * len(cells))
+
+        tell(0)
+        for number in [*lost, *range(len(kept), len(rounds))]:
+            grasps = draws[number]()
+            outcomes = try_round(grasps, draws[number], hand, protocol, engine, workers=workers, progress=tell)
+            if number == 0:
+                metadata.setdefault("first_round_mean", _mean(grasps).tolist())
+            if out is not None and _keeps_rows():
+                path = shard_path(Path(out), number)
+                digest = write_shard(path, to_columns(grasps, outcomes))
+                shards = {shard["file"]: shard for shard in metadata["shards"]}
+                shards[path.name] = {"file": path.name, "sha256": digest, "rows": len(grasps)}
+                metadata["shards"] = list(shards.values())
+            kept[number : number + 1] = [{"counts": _count(len(cells), rounds[number], grasps, outcomes)}]
+            if out is not None:
+                write_metadata(Path(out), metadata)
+        counted = np.sum([one["counts"] for one in kept], axis=0).tolist()
+        tallies = tuple(
+            Cell(dict(zip(VERDICTS, row[:-1], strict=True)), row[-1], kind.name, obj.name)
+            for (obj, kind), row in zip(cells, counted, strict=True)
+        )
+        about = {key: identity[key] for key in ("seed", "per_cell", "versions", "model_metadata")}
+        evaluation = Evaluation(protocol, name, hand.name, tallies, **about)
+        if out is not None:
+            evaluation.save(Path(out) / EVALUATION_FILE)
+    return evaluation
+
+
+@dataclass(frozen=True)
+class EvaluationRound:
+    """Draw one round of an evaluation: `per_cell` rows of each cell together, and cells in order."""
+
+    proposal: Proposal
+    cells: tuple[Pair, ...]
+    per_cell: int
+    seed: int
+    number: int
+
+    def __call__(self) -> Grasps:
+        """Draw the grasps.
+
+        Raises:
+            InputError: the proposal answered something else than it was asked.
+        """
+        rng = np.random.default_rng([self.seed, self.number, _STREAM])
+        tasks = draw_tasks(self.cells, self.per_cell, self.proposal.hand.reach_m, rng)
+        grasps = self.proposal.propose(tasks, rng)
+        # A proposal that drops or trades rows would change the question and so the rate.
+        if not grasps.tasks.same_as(tasks):
+            raise InputError("the proposal answered with other tasks than it was asked for")
+        hand, joints = self.proposal.hand, ", ".join(grasps.joint_names)
+        if grasps.joint_names != hand.joint_names:
+            raise InputError(f"the proposal's joints are {joints}, not those of {hand.name} in order")
+        return grasps
+
+
+@contextmanager
+def _open(out: Path | None, identity: dict[str, Any], n_cells: int) -> Iterator[tuple[dict[str, Any], list[int]]]:
+    """Open the metadata of finished rounds, and list the rounds whose rows were lost.
+
+    A folder is also a dataset that `load_dataset` reads. Counts are kept beside the rows, so that resuming needs no
+    pyarrow.
+    """
+    empty: dict[str, Any] = {"count_columns": [*VERDICTS, "faithful"], "rounds": [], "shards": []}
+    if out is None:
+        yield empty, []
+        return
+    folder = Path(out)
+    with open_folder(folder, "evaluation", identity, empty) as metadata:
+        try:
+            shapes = {np.array(kept["counts"], dtype=np.int64).shape for kept in metadata["rounds"]}
+            if shapes - {(n_cells, len(VERDICTS) + 1)}:
+                raise ValueError("a round has counts of another shape")
+            sums = {shard["file"]: shard["sha256"] for shard in metadata["shards"]}
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileFormatError(f"{folder / METADATA_FILE} is not readable evaluation metadata: {error}") from error
+        # Rounds done where pyarrow was not installed have no shard to lose, and without it none can be written.
+        paths = [shard_path(folder, number) for number in range(len(metadata["rounds"]) if _keeps_rows() else 0)]
+        lost = [n for n, path in enumerate(paths) if path.name in sums and not is_intact(path, sums[path.name])]
+        yield metadata, lost
+
+
+def _keeps_rows() -> bool:
+    return find_spec("pyarrow") is not None
+
+
+def _check_source(metadata: dict[str, Any], first_round: Grasps, out: Path | None) -> None:
+    """Check that the first round, drawn again, is what was tried: names do not tell a model from a retrained one."""
+    if not np.allclose(metadata["first_round_mean"], _mean(first_round), rtol=0.0, atol=_SAME_SOURCE_TOLERANCE):
+        raise InputError(
+            f"{out} holds rounds of another model under the same name; "
+            "give that model to go on with it, or another folder"
+        )
+
+
+def _mean(grasps: Grasps) -> NDArray[np.float64]:
+    pose = grasps.X_hand_object
+    columns = np.concatenate([grasps.posture, pose.position_m, pose.quat_wxyz], axis=1)
+    return np.asarray(columns.mean(axis=0), dtype=np.float64)
+
+
+def _plain(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Bring metadata into the form that JSON gives back."""
+    try:
+        return dict(json.loads(json.dumps(dict(metadata), allow_nan=False)))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"model metadata must be plain JSON: {error}") from error
+
+
+def _count(n_cells: int, per_cell: int, grasps: Grasps, outcomes: Outcomes) -> list[list[int]]:
+    """Count each verdict, and the faithful, of every cell: ``(cells, verdicts + 1)``."""
+    columns = [outcomes.verdict == verdict for verdict in VERDICTS] + [outcomes.faithful(grasps)]
+    counts = np.stack([column.reshape(n_cells, per_cell).sum(axis=1) for column in columns], axis=1)
+    return [[int(count) for count in row] for row in counts]

@@ -1,0 +1,286 @@
+"""`Evaluation`: what became of the trials of each object and type, and its JSON file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from ..core.errors import FileFormatError
+from ..core.files import read_json, write_json
+from ..core.intervals import Difference, Interval, newcombe, wilson
+from ..core.outcomes import VERDICTS
+from ..core.protocols import Protocol
+
+KIND = "graspcascade evaluation"
+"""Marks the JSON of an evaluation among other files."""
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Count trials by verdict.
+
+    Raises:
+        ValueError: other verdicts than `outcomes.VERDICTS`, a negative count, or more faithful than held trials.
+    """
+
+    verdicts: Mapping[str, int]
+    faithful: int
+    """Held trials in which every digit of the type touched the object."""
+
+    def __post_init__(self) -> None:
+        if tuple(self.verdicts) != VERDICTS or min(self.verdicts.values()) < 0:
+            raise ValueError(f"a tally needs a count of each of {', '.join(VERDICTS)}, got {dict(self.verdicts)}")
+        if not 0 <= self.faithful <= self.held:
+            raise ValueError(f"{self.faithful} of {self.held} held trials cannot be type-faithful")
+
+    @property
+    def n(self) -> int:
+        """Number of trials."""
+        return sum(self.verdicts.values())
+
+    @property
+    def held(self) -> int:
+        """Number of held trials."""
+        return self.verdicts["held"]
+
+    @property
+    def held_rate(self) -> Interval:
+        """Share of trials that held."""
+        return wilson(self.held, self.n)
+
+    @property
+    def faithful_rate(self) -> Interval:
+        """Share of trials that held and were type-faithful."""
+        return wilson(self.faithful, self.n)
+
+    @property
+    def faithful_of_held(self) -> Interval:
+        """Share of held trials that were type-faithful."""
+        return wilson(self.faithful, self.held)
+
+    def held_over(self, base: Tally) -> Difference:
+        """Compute by how much more of these trials held than of others."""
+        return newcombe(self.held, self.n, base.held, base.n)
+
+    def faithful_over(self, base: Tally) -> Difference:
+        """Compute by how much more of these trials held type-faithfully than of others."""
+        return newcombe(self.faithful, self.n, base.faithful, base.n)
+
+
+@dataclass(frozen=True)
+class Cell(Tally):
+    """Count the trials of one object and one grasp type."""
+
+    grasp_type: str
+    object_label: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Describe names and counts."""
+        counts = {"n": self.n, "held": self.held, "faithful": self.faithful, "verdicts": dict(self.verdicts)}
+        return {"grasp_type": self.grasp_type, "object": self.object_label, **counts}
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Hold the outcome of an evaluation; nothing in it depends on the machine's speed.
+
+    Attributes:
+        protocol: the trial, every number of it.
+        model, hand: names of what was evaluated, and of the hand it was executed with.
+        cells: counts for each object and grasp type.
+        seed, per_cell: seed of every draw, and trials for each cell.
+        versions: versions that the numbers depend on.
+        model_metadata: what the caller says of the model.
+    """
+
+    protocol: Protocol
+    model: str
+    hand: str
+    cells: tuple[Cell, ...]
+    seed: int
+    per_cell: int
+    versions: Mapping[str, str]
+    model_metadata: Mapping[str, Any]
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        """All that must agree for two rates to be compared as two models': hand, protocol and cells."""
+        cells = sorted(f"{cell.object_label}/{cell.grasp_type}" for cell in self.cells)
+        return {"hand": self.hand, **self.protocol.to_json(), "cells": cells}
+
+    @cached_property
+    def total(self) -> Tally:
+        """Counts over all cells."""
+        return _sum(self.cells)
+
+    @property
+    def n(self) -> int:
+        """Number of trials."""
+        return self.total.n
+
+    @property
+    def held(self) -> Interval:
+        """Rate of held trials."""
+        return self.total.held_rate
+
+    @property
+    def faithful(self) -> Interval:
+        """Rate of held, type-faithful trials."""
+        return self.total.faithful_rate
+
+    @cached_property
+    def by_type(self) -> dict[str, Tally]:
+        """Counts over the objects, by grasp type."""
+        names = dict.fromkeys(cell.grasp_type for cell in self.cells)
+        return {name: _sum(cell for cell in self.cells if cell.grasp_type == name) for name in names}
+
+    @cached_property
+    def by_object(self) -> dict[str, Tally]:
+        """Counts over the types, by object name."""
+        labels = dict.fromkeys(cell.object_label for cell in self.cells)
+        return {label: _sum(cell for cell in self.cells if cell.object_label == label) for label in labels}
+
+    def to_json(self) -> dict[str, Any]:
+        """Describe the record as the command line prints it; totals are spelled out beside the cells they come from."""
+        return {
+            "kind": KIND,
+            "schema_version": SCHEMA_VERSION,
+            "protocol": self.protocol.name,
+            "model": self.model,
+            "hand": self.hand,
+            "n": self.n,
+            "held": self.held.to_json(),
+            "faithful": self.faithful.to_json(),
+            "cells": [cell.to_json() for cell in self.cells],
+            "verdicts": {
+                "overall": dict(self.total.verdicts),
+                "by_type": {name: dict(tally.verdicts) for name, tally in self.by_type.items()},
+                "by_object": {label: dict(tally.verdicts) for label, tally in self.by_object.items()},
+            },
+            "seed": self.seed,
+            "per_cell": self.per_cell,
+            "model_metadata": dict(self.model_metadata),
+            "protocol_parameters": self.protocol.to_json(),
+            "versions": dict(self.versions),
+        }
+
+    @classmethod
+    def from_json(cls, data: Any) -> Evaluation:
+        """Rebuild from `to_json()`.
+
+        Raises:
+            FileFormatError: it is something else, of another schema, or its totals are not those of its cells.
+        """
+        if not is_evaluation(data):
+            raise FileFormatError(f'not an evaluation: it lacks "kind": "{KIND}"')
+        if data.get("schema_version") != SCHEMA_VERSION:
+            raise FileFormatError(f"schema version {data.get('schema_version')}; this version reads {SCHEMA_VERSION}")
+        try:
+            evaluation = cls(
+                protocol=Protocol.from_json(data["protocol_parameters"]),
+                model=str(data["model"]),
+                hand=str(data["hand"]),
+                cells=tuple(_cell(cell) for cell in data["cells"]),
+                seed=int(data["seed"]),
+                per_cell=int(data["per_cell"]),
+                versions=dict(data["versions"]),
+                model_metadata=dict(data["model_metadata"]),
+            )
+        except KeyError as error:
+            raise FileFormatError(f"the evaluation lacks {error.args[0]!r}") from error
+        except (TypeError, ValueError) as error:
+            raise FileFormatError(f"the evaluation is malformed: {error}") from error
+        cells = evaluation.cells
+        places = {(cell.object_label, cell.grasp_type) for cell in cells}
+        if not cells or len(places) < len(cells) or {cell.n for cell in cells} != {evaluation.per_cell}:
+            raise FileFormatError("the evaluation needs distinct cells of per_cell trials each")
+        # Earlier versions wrote the same numbers of the protocol as one flat record.
+        given = {**data, "protocol_parameters": evaluation.protocol.to_json()}
+        differing = [key for key, value in evaluation.to_json().items() if not _same(value, given.get(key))]
+        if differing:
+            raise FileFormatError(f"the evaluation contradicts itself in {', '.join(differing)}")
+        return evaluation
+
+    def save(self, path: Path | str) -> None:
+        """Write the JSON file atomically."""
+        write_json(Path(path), self.to_json(), allow_nan=False)
+
+    @classmethod
+    def load(cls, path: Path | str) -> Evaluation:
+        """Read an evaluation.
+
+        Raises:
+            FileFormatError: the file is missing, truncated or foreign.
+        """
+        data = read_json(Path(path))
+        try:
+            return cls.from_json(data)
+        except FileFormatError as error:
+            raise FileFormatError(f"{path}: {error}") from error
+
+
+def pool(evaluations: Sequence[Evaluation]) -> Evaluation:
+    """Count the trials of evaluations under the same conditions together, as if each were a part of one.
+
+    Name, versions and metadata are kept as far as all agree; the seed is the first one's.
+
+    Raises:
+        ValueError: there is none, or their conditions differ.
+    """
+    if not evaluations or any(one.conditions != evaluations[0].conditions for one in evaluations):
+        raise ValueError("only evaluations under the same conditions can be counted together")
+    cells = [{(cell.object_label, cell.grasp_type): cell for cell in one.cells} for one in evaluations]
+    counted = []
+    for place in cells[0]:
+        tally = _sum(one[place] for one in cells)
+        counted.append(Cell(tally.verdicts, tally.faithful, place[1], place[0]))
+    return replace(
+        evaluations[0],
+        cells=tuple(counted),
+        per_cell=sum(one.per_cell for one in evaluations),
+        versions=_agreed([one.versions for one in evaluations]),
+        model_metadata=_agreed([one.model_metadata for one in evaluations]),
+    )
+
+
+def _agreed(mappings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Keep the entries, also of inner objects, that all have alike."""
+    kept: dict[str, Any] = {}
+    for key, value in mappings[0].items():
+        inner = [other for one in mappings if isinstance(other := one.get(key), Mapping)]
+        if len(inner) == len(mappings):
+            kept[key] = _agreed(inner)
+        elif all(one.get(key) == value for one in mappings):
+            kept[key] = value
+    return kept
+
+
+def is_evaluation(data: Any) -> bool:
+    """Tell whether parsed JSON claims to be an evaluation."""
+    return isinstance(data, dict) and data.get("kind") == KIND
+
+
+def _cell(data: Mapping[str, Any]) -> Cell:
+    verdicts = {name: int(data["verdicts"][name]) for name in VERDICTS}
+    return Cell(verdicts, int(data["faithful"]), str(data["grasp_type"]), str(data["object"]))
+
+
+def _sum(tallies: Iterable[Tally]) -> Tally:
+    parts = list(tallies)
+    verdicts = {name: sum(part.verdicts[name] for part in parts) for name in VERDICTS}
+    return Tally(verdicts, sum(part.faithful for part in parts))
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Compare JSON values, real numbers up to the rounding of another machine."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(_same(a, b) for a, b in zip(one, other, strict=True))
+    if isinstance(one, float) and isinstance(other, float):
+        return abs(one - other) <= 1e-9 * max(1.0, abs(one))
+    return bool(one == other)

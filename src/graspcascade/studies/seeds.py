@@ -1,0 +1,220 @@
+"""Labelled seed postures by inverse kinematics that stays human, and the human statistics it stays close to.
+
+Each seed starts at a draw from the human statistics of its type and moves, by least squares, as little as it can (in
+human standard deviations) until the opposing places are a given aperture apart and the supporting ones lie on the
+object beside the index finger's.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ..core.errors import InputError
+from ..core.taxonomy import GRASP_TYPES, GraspType
+from ..hands import Hand
+from .postures import LabelledPostures
+
+Array = NDArray[np.float64]
+_FINEST_TOLERANCE_M = 1e-9
+_UNRECORDED_SD_RAD = np.radians(5.0)
+"""Spread given to joints without recordings (LFJ5), which humans kept near zero."""
+_DIGIT_PREFIX = {"thumb": "TH", "index": "FF", "middle": "MF", "ring": "RF", "little": "LF"}
+
+
+@dataclass(frozen=True)
+class SeedSpec:
+    """Weigh the aims of the inverse kinematics; a residual of one counts the same for all.
+
+    Raises:
+        InputError: a value out of range.
+    """
+
+    per_type: int = 200
+    """Seed postures for each grasp type."""
+    aperture_min_m: float = 0.010
+    """Smallest distance between the opposing places."""
+    aperture_max_m: float = 0.065
+    """Largest distance between the opposing places."""
+    aperture_skew: float = 1.2
+    """Apertures are spread as the smallest plus the range times u to this power, u even on 0 to 1: a posture that
+    closes far inside the object grips it, one that stays wider than the object cannot."""
+    aperture_tolerance_m: float = 0.0005
+    """Deviation from the drawn aperture that counts one."""
+    support_plane_tolerance_m: float = 0.001
+    """Distance of a supporting place from the index finger's contact plane that counts one."""
+    support_reach_m: float = 0.021
+    """A supporting place farther than this beside the index finger's is drawn nearer."""
+    support_reach_tolerance_m: float = 0.003
+    """Excess over that reach that counts one."""
+    normal_weight: float = 2.0
+    """Weight of the pads' normals along the opposition axis."""
+    human_weight: float = 0.5
+    """Weight of the deviation from the human draw, in human standard deviations."""
+    draw_spread: float = 0.7
+    """Spread of the human draw, in human standard deviations."""
+    seed: int = 0
+    """Seed of the draws."""
+
+    def __post_init__(self) -> None:
+        if not self.per_type >= 1:
+            raise InputError(f"per_type must be at least 1, got {self.per_type}")
+        if not 0.0 <= self.aperture_min_m <= self.aperture_max_m < np.inf:
+            raise InputError(
+                "apertures must be finite and not negative, the smallest no larger than the largest, "
+                f"got aperture_min_m {self.aperture_min_m} and aperture_max_m {self.aperture_max_m}"
+            )
+        for name in ("aperture_tolerance_m", "support_plane_tolerance_m", "support_reach_tolerance_m"):
+            if not getattr(self, name) >= _FINEST_TOLERANCE_M:
+                raise InputError(f"{name} must be at least {_FINEST_TOLERANCE_M:g}, got {getattr(self, name)}")
+        for name in ("aperture_skew", "support_reach_m", "normal_weight", "human_weight", "draw_spread"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)}")
+        if not self.seed >= 0:
+            raise InputError(f"seed must not be negative, got {self.seed}")
+
+
+def make_seeds(
+    hand: Hand, spec: SeedSpec | None = None, progress: Callable[[int], None] | None = None
+) -> LabelledPostures:
+    """Make seed postures for all six types, apertures evenly spread.
+
+    Args:
+        hand: the hand; its joints carry the Shadow names the human statistics use.
+        spec: counts, weights and seed.
+        progress: called with 1 after each posture.
+    """
+    spec = spec or SeedSpec()
+    postures, labels = [], []
+    for number, kind in enumerate(GRASP_TYPES.values()):
+        rng = np.random.default_rng([spec.seed, number])
+        span = spec.aperture_max_m - spec.aperture_min_m
+        apertures = spec.aperture_min_m + span * np.linspace(0.0, 1.0, spec.per_type) ** spec.aperture_skew
+        for aperture in apertures:
+            postures.append(_solve(hand, kind, float(aperture), spec, rng))
+            labels.append(kind.name)
+            if progress is not None:
+                progress(1)
+    return LabelledPostures(hand.joint_names, np.array(postures), np.array(labels))
+
+
+def _solve(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, rng: np.random.Generator) -> Array:
+    human = human_statistics(kind.name, hand.joint_names)
+    wished = human.mean + spec.draw_spread * human.sd * rng.standard_normal(len(human.mean))
+    margin = 1e-4
+    lower, upper = hand.lower_rad + margin, hand.upper_rad - margin
+    wished = np.clip(wished, lower, upper)
+    spread = np.maximum(human.sd, np.radians(1.0))
+
+    def residuals(postures: Array) -> Array:
+        moved = hand.executed(postures)
+        aims = _contact_residuals(hand, kind, aperture_m, spec, moved)
+        return np.concatenate([aims, spec.human_weight * (postures - wished) / spread], axis=1)
+
+    def jacobian(posture: Array) -> Array:
+        step = 1e-6
+        # All forward differences in one batch: the kinematics is vectorised over postures.
+        moved = residuals(posture + step * np.concatenate([np.zeros((1, len(posture))), np.eye(len(posture))]))
+        return np.asarray((moved[1:] - moved[0]).T / step)
+
+    limits = (lower, upper)
+    solution = least_squares(lambda q: residuals(q[None])[0], wished, jac=jacobian, bounds=limits, max_nfev=60)
+    return np.asarray(solution.x)
+
+
+def _contact_residuals(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, postures: Array) -> Array:
+    thumb_name, other_name = kind.opposition
+    places = hand.place_points(postures, [thumb_name, other_name, *kind.support])
+    thumb, other = places[thumb_name], places[other_name]
+    line = other.point_m - thumb.point_m
+    distance = np.linalg.norm(line, axis=-1, keepdims=True)
+    axis = line / np.maximum(distance, 1e-9)
+    parts = [
+        (distance - aperture_m) / spec.aperture_tolerance_m,
+        spec.normal_weight * (thumb.normal - axis),
+        spec.normal_weight * (other.normal + axis),
+    ]
+    for fingers_between, name in enumerate(kind.support):
+        offset = places[name].point_m - other.point_m
+        out_of_plane = (offset * axis).sum(axis=-1, keepdims=True)
+        beside = np.linalg.norm(offset - out_of_plane * axis, axis=-1, keepdims=True)
+        reach = spec.support_reach_m * (1 + fingers_between)
+        parts.append(out_of_plane / spec.support_plane_tolerance_m)
+        parts.append(np.maximum(beside - reach, 0.0) / spec.support_reach_tolerance_m)
+    return np.concatenate(parts, axis=1)
+
+
+# Human statistics
+
+
+@dataclass(frozen=True)
+class HumanStatistics:
+    """Hold mean and standard deviation of one type's joint angles, ``(J,)`` radians in the order asked for."""
+
+    n_grasps: int
+    """Recorded grasps behind the figures."""
+    recorded: NDArray[np.bool_]
+    """Flags of the joints that were recorded."""
+    mean: Array
+    sd: Array
+
+
+@lru_cache(maxsize=1)
+def _rows() -> Mapping[tuple[str, str], Mapping[str, str]]:
+    text = (files("graspcascade.studies") / "human_statistics.csv").read_text()
+    return {(row["grasp_type"], row["statistic"]): row for row in csv.DictReader(text.splitlines())}
+
+
+def human_statistics(grasp_type: str, joint_names: tuple[str, ...]) -> HumanStatistics:
+    """Look up the figures of a grasp type; a joint without recordings has mean 0 and a spread of 5 degrees."""
+    rows = _rows()
+    recorded = np.array([f"{name}_deg" in rows[grasp_type, "mean"] for name in joint_names])
+
+    def figures(statistic: str, default: float) -> Array:
+        row = rows[grasp_type, statistic]
+        return np.array([np.radians(float(row[f"{n}_deg"])) if f"{n}_deg" in row else default for n in joint_names])
+
+    n_grasps = int(rows[grasp_type, "mean"]["n_grasps"])
+    return HumanStatistics(n_grasps, recorded, figures("mean", 0.0), figures("sd", _UNRECORDED_SD_RAD))
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """Compare one type's postures with the human ones, over the recorded joints of the digits that hold the object."""
+
+    grasp_type: str
+    n_postures: int
+    n_human: int
+    deviation_sd: dict[str, float]
+    """Mean posture minus human mean in human standard deviations, by joint name."""
+
+    @property
+    def outliers(self) -> dict[str, float]:
+        """Joints whose mean is more than one human standard deviation off."""
+        return {name: value for name, value in self.deviation_sd.items() if abs(value) > 1.0}
+
+    @property
+    def share_within(self) -> float:
+        """Share of joints whose mean is within one human standard deviation."""
+        return 1.0 - len(self.outliers) / len(self.deviation_sd)
+
+
+def human_likeness(postures: LabelledPostures) -> list[Likeness]:
+    """Compare the postures of each type present; joints carry the Shadow names that the statistics use."""
+    present = [kind for kind in GRASP_TYPES.values() if (postures.grasp_type == kind.name).any()]
+    names, compared = np.array(postures.joint_names), []
+    for kind in present:
+        rows, human = postures.grasp_type == kind.name, human_statistics(kind.name, postures.joint_names)
+        deviation = (postures.posture[rows].mean(axis=0) - human.mean) / human.sd
+        prefixes = tuple(_DIGIT_PREFIX[digit] for digit in (*kind.required, *kind.any_of))
+        holding = np.array([name.startswith(prefixes) for name in postures.joint_names]) & human.recorded
+        by_joint = dict(zip(names[holding].tolist(), deviation[holding].tolist(), strict=True))
+        compared.append(Likeness(kind.name, int(rows.sum()), human.n_grasps, by_joint))
+    return compared

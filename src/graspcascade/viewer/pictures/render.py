@@ -1,0 +1,220 @@
+"""`Renderer`: draw a hand and an object offscreen, in any posture and pose."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.objects import GraspObject, Shape
+from ...hands import Hand, read_spec
+from ..recording import Frame
+from ..style import OBJECT_RGB, RGB, body_rgb, hand_bounds
+
+Image = NDArray[np.uint8]
+
+_OBJECT = "shown_object"
+_OVERSAMPLING = 2
+"""Pixels are averaged from this many a side: software rendering smooths no edges itself."""
+_FIELD_DEG = 18.0
+"""Field of view; a long lens, so that lengths can be compared."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Say from where the camera looks, in the hand frame (z along the fingers, -y out of the palm, +x to the thumb).
+
+    Attributes:
+        azimuth_deg: direction of sight about z; 90 looks at the palm, 180 at the thumb's side.
+        elevation_deg: direction of sight above the horizon; negative looks down.
+        span_m: height of what the picture shows; by default the open hand.
+    """
+
+    azimuth_deg: float = 162.0
+    elevation_deg: float = -14.0
+    span_m: float | None = None
+
+
+THUMB_SIDE = View()
+"""Shows the opposition of thumb and fingers in profile."""
+FINGER_SIDE = View(azimuth_deg=28.0)
+"""Shows the fingers that the object hides from the thumb's side."""
+
+
+class Renderer:
+    """Draw one hand with any object, in the colours of the page.
+
+    Args:
+        hand: which hand.
+        width: of a picture, pixels.
+        height: of a picture, pixels.
+
+    Raises:
+        InputError: nothing to draw with is installed; the message says what to install.
+    """
+
+    def __init__(self, hand: Hand, width: int = 350, height: int = 390) -> None:
+        self.hand = hand
+        self._size = (width * _OVERSAMPLING, height * _OVERSAMPLING)
+        self._context = _gl_context(*self._size)
+        self._drawables: dict[tuple[str, bool], _Drawable] = {}
+
+    def close(self) -> None:
+        """Release the drawing surface."""
+        for drawable in self._drawables.values():
+            drawable.gpu.free()
+        self._drawables.clear()
+        self._context.free()
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def frame(self, frame: Frame, view: View = THUMB_SIDE) -> Image:
+        """Draw a moment, its posture in the order of the hand's joints; ``(height, width, 3)`` red, green and blue.
+
+        Raises:
+            InputError: the hand has no MJCF.
+        """
+        drawable = self._drawable(frame.object.shape, with_hand=True)
+        for name, angle in zip(self.hand.joint_names, frame.posture, strict=True):
+            drawable.data.joint(self.hand.prefix + name).qpos = angle
+        drawable.data.mocap_pos[0] = frame.X_hand_object.position_m
+        drawable.data.mocap_quat[0] = frame.X_hand_object.quat_wxyz
+        centre, radius = hand_bounds(self.hand)
+        return drawable.picture(view, centre, view.span_m or 1.85 * radius, *self._size)
+
+    def object(self, obj: GraspObject, span_m: float = 0.11) -> Image:
+        """Draw an object alone, its z axis up; objects drawn with one span are at one scale."""
+        view = View(azimuth_deg=125.0, elevation_deg=-22.0)
+        return self._drawable(obj.shape, with_hand=False).picture(view, np.zeros(3), span_m, *self._size)
+
+    def _drawable(self, shape: Shape, *, with_hand: bool) -> _Drawable:
+        """Look up what draws a kind of shape, and give it the shape's size."""
+        from ...worlds.world import object_geom
+
+        key = (shape.kind, with_hand)
+        self._context.make_current()
+        if key not in self._drawables:
+            self._drawables[key] = _build(self.hand if with_hand else None, shape, *self._size)
+        model = self._drawables[key].model
+        model.geom(_OBJECT).size = object_geom(shape)[1]
+        model.geom_rbound[model.geom(_OBJECT).id] = np.linalg.norm(shape.extents_m) / 2
+        return self._drawables[key]
+
+
+@dataclass(frozen=True)
+class _Drawable:
+    """Hold a compiled model with its state and what MuJoCo draws it with; the world frame is the hand frame."""
+
+    model: Any
+    data: Any
+    scene: Any
+    gpu: Any
+
+    def picture(self, view: View, towards_m: Any, span_m: float, width: int, height: int) -> Image:
+        import mujoco
+
+        mujoco.mj_forward(self.model, self.data)
+        camera, everything = mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL.value
+        camera.type, camera.lookat = mujoco.mjtCamera.mjCAMERA_FREE, towards_m
+        camera.azimuth, camera.elevation = view.azimuth_deg, view.elevation_deg
+        camera.distance = span_m / 2 / np.tan(np.radians(_FIELD_DEG) / 2)
+        mujoco.mjv_updateScene(self.model, self.data, mujoco.MjvOption(), None, camera, everything, self.scene)
+        area = mujoco.MjrRect(0, 0, width, height)
+        # All draw on one surface, and each into the buffer that was bound last.
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self.gpu)
+        mujoco.mjr_render(area, self.scene, self.gpu)
+        pixels = np.empty((height, width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(pixels, None, area, self.gpu)
+        k = _OVERSAMPLING
+        fine = pixels[::-1].reshape(height // k, k, width // k, k, 3).astype(np.float64)
+        return np.asarray(fine.mean(axis=(1, 3)).round(), dtype=np.uint8)
+
+
+def _build(hand: Hand | None, shape: Shape, width: int, height: int) -> _Drawable:
+    import mujoco
+
+    from ...worlds.world import hand_to_world, object_geom
+
+    spec = mujoco.MjSpec() if hand is None else read_spec(hand)
+    if hand is not None:
+        hand_to_world(spec, hand)
+        for geom in spec.geoms:
+            geom.material = ""
+            geom.rgba = _rgba(body_rgb(hand, geom.parent.name.removeprefix(hand.prefix)))
+    _light(spec, width, height)
+    kind, size = object_geom(shape)
+    body = spec.worldbody.add_body(name=_OBJECT, mocap=True)
+    body.add_geom(name=_OBJECT, type=kind, size=size, rgba=_rgba(OBJECT_RGB), contype=0, conaffinity=0)
+    model = spec.compile()
+    # Clipping planes and shadows are relative to the extent, which must not depend on the object.
+    model.stat.extent, model.stat.center = 0.3, [0.0, 0.0, 0.0]
+    scene = mujoco.MjvScene(model, maxgeom=500)
+    scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+    gpu = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+    return _Drawable(model, mujoco.MjData(model), scene, gpu)
+
+
+def _rgba(rgb: RGB) -> list[float]:
+    return [*(channel / 255 for channel in rgb), 1.0]
+
+
+def _light(spec: Any, width: int, height: int) -> None:
+    import mujoco
+
+    visual, white = spec.visual, {"rgb1": [1.0] * 3, "rgb2": [1.0] * 3, "width": 64, "height": 64}
+    visual.global_.offwidth, visual.global_.offheight, visual.global_.fovy = width, height, _FIELD_DEG
+    visual.map.znear, visual.map.zfar, visual.quality.shadowsize = 0.1, 30.0, 4096
+    head = visual.headlight
+    head.ambient, head.diffuse, head.specular = [0.42] * 3, [0.16] * 3, [0.08] * 3
+    backdrop, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
+    spec.add_texture(name="backdrop", type=backdrop, builtin=flat, **white)
+    for position, strength, shadow in (([0.4, -0.5, 1.0], 0.52, True), ([-0.8, -0.6, 0.2], 0.2, False)):
+        spec.worldbody.add_light(
+            pos=position,
+            dir=[-coordinate for coordinate in position],
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            diffuse=[strength] * 3,
+            specular=[0.15] * 3,
+            castshadow=shadow,
+        )
+
+
+def need_renderer() -> None:
+    """Check that pictures can be drawn offscreen.
+
+    Raises:
+        InputError: nothing to draw with is installed; the message says what to install.
+    """
+    _gl_context(8, 8).free()
+
+
+def _gl_context(width: int, height: int) -> Any:
+    """Open a drawing surface: MUJOCO_GL's choice, or without a display the software renderer."""
+    try:
+        return _context_class()(width, height)
+    # A missing library shows in as many ways as there are bindings between Python and OpenGL.
+    except (ImportError, AttributeError, OSError, RuntimeError, TypeError) as error:
+        raise InputError(
+            f"nothing to draw pictures with ({error}): install OSMesa (Debian and Ubuntu: apt-get install libosmesa6) "
+            "and set MUJOCO_GL=osmesa"
+        ) from error
+
+
+@lru_cache(maxsize=1)
+def _context_class() -> Any:
+    headless = sys.platform == "linux" and not os.environ.get("DISPLAY")
+    if not os.environ.get("MUJOCO_GL") and headless:
+        # MuJoCo's own default is a window, and it reads MUJOCO_GL only when first imported.
+        return import_module("mujoco.osmesa").GLContext
+    return import_module("mujoco.gl_context").GLContext
