@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from .errors import FileFormatError, InputError
 
 LOCK_FILE = ".lock"
@@ -85,6 +83,9 @@ def sole_writer(folder: Path) -> Iterator[None]:
     Raises:
         InputError: another process, or another call in this one, holds the lock, or `folder` is a file.
     """
+    # Sampling writes no such folder and should not wait for it to load.
+    from filelock import FileLock, Timeout
+
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is not a folder; give an empty or new one")
     folder.mkdir(parents=True, exist_ok=True)

@@ -113,9 +113,14 @@ class Tasks:
         return cls(table.table, table.row[places])
 
     @cached_property
+    def used(self) -> list[int]:
+        """Places of the table that some row has, in order."""
+        return np.flatnonzero(np.bincount(self.row, minlength=len(self.table))).tolist()
+
+    @cached_property
     def distinct(self) -> tuple[Task, ...]:
         """Tasks of the table that some row asks for."""
-        return tuple(self.table[place] for place in np.unique(self.row).tolist())
+        return tuple(self.table[place] for place in self.used)
 
     def column(self, value: Callable[[Task], Any], dtype: Any = None) -> NDArray[Any]:
         """Compute a value of each row's task, once for each task of the table; ``(n, ...)``."""
@@ -125,11 +130,9 @@ class Tasks:
     def groups(self, key: Callable[[Task], Key]) -> Iterator[tuple[Key, NDArray[np.bool_]]]:
         """Iterate over the distinct values of a key, each with the flags ``(n,)`` of the rows that have it."""
         keys = [key(task) for task in self.table]
-        used = set(np.unique(self.row).tolist())
-        for value in dict.fromkeys(keys):
-            places = [place for place, other in enumerate(keys) if other == value]
-            if used.intersection(places):
-                yield value, np.isin(self.row, places)
+        used = {keys[place] for place in self.used}
+        for value in dict.fromkeys(key for key in keys if key in used):
+            yield value, np.isin(self.row, [place for place, other in enumerate(keys) if other == value])
 
     grasp_type = _names(lambda task: task.grasp_type.name)
     """Names of the grasp types ``(n,)``."""

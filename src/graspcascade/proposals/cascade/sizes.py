@@ -93,7 +93,7 @@ class SizeRule:
             return side_m + PAPER_GRASP_OFFSET_M, side_m + PAPER_OBJECT_OFFSET_M
         at = share if mode == "drawn" else np.full_like(share, 0.5)
         grasp_offset, object_offset = np.empty_like(share), np.empty_like(share)
-        for place in np.unique(tasks.row).tolist():
+        for place in tasks.used:
             rows, key = tasks.row == place, self._finest(tasks.table[place])
             object_offset[rows] = self.object_offset_m[key]
             best = self.best_offset_m[key]
