@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from evaluations import evaluation
 from graspcascade.core.errors import FileFormatError, InputError
 from graspcascade.core.files import LOCK_FILE, sole_writer
 from graspcascade.core.grasps import Grasps
@@ -33,7 +34,7 @@ from graspcascade.proposals.prior import PosturePrior
 from graspcascade.studies.collect import CollectionRound, CollectionSpec
 from graspcascade.studies.dataset import load_dataset
 from graspcascade.studies.evaluate import ROUND_PER_CELL, EvaluationRound, evaluate
-from graspcascade.studies.record import Cell, Evaluation
+from graspcascade.studies.record import Evaluation
 from graspcascade.studies.rounds import CELLS, Pair, TrialJob
 
 HAND = load_hand("shadow")
@@ -109,22 +110,6 @@ def no_physics(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
     monkeypatch.setattr(MujocoEngine, "run", run)
     return executed
-
-
-def evaluation(
-    model: str = "heuristic", seed: int = 0, per_cell: int = 20, held_share: float = 0.5, **changes: Any
-) -> Evaluation:
-    """Make up an evaluation of all 54 cells."""
-    rng = np.random.default_rng(seed)
-    cells = []
-    for obj, kind in CELLS:
-        held = int(rng.binomial(per_cell, held_share))
-        rest = rng.multinomial(per_cell - held, [0.2] * 5).tolist()
-        cells.append(
-            Cell(dict(zip(VERDICTS, [held, *rest], strict=True)), int(rng.integers(held + 1)), kind.name, obj.name)
-        )
-    made = Evaluation(PAPER, model, HAND.name, tuple(cells), seed, per_cell, {"mujoco": "3.17.0"}, {})
-    return replace(made, **changes)
 
 
 # --- runs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from statistics import variance
@@ -19,7 +19,7 @@ from graspcascade.core.protocols import Protocol
 from graspcascade.proposals.cascade.stages import FACTORIZATIONS
 from graspcascade.proposals.heuristic import HEURISTIC
 from graspcascade.studies.learn import CascadeTraining
-from graspcascade.studies.record import Evaluation, Tally, is_evaluation, pool
+from graspcascade.studies.record import Cell, Evaluation, Tally, is_evaluation
 
 from .markdown import plain, spread
 from .published import FULL_MODEL, PAPER_MODELS
@@ -283,6 +283,42 @@ def conditions(evaluation: Evaluation) -> dict[str, Any]:
     """Collect what must agree for rates to stand in one table: hand, protocol and cells, each number by itself."""
     protocol, cells = evaluation.protocol, sorted(f"{one.object_label}/{one.grasp_type}" for one in evaluation.cells)
     return {"hand": evaluation.hand, "name": protocol.name, **protocol_numbers(protocol), "cells": cells}
+
+
+def pool(evaluations: Sequence[Evaluation]) -> Evaluation:
+    """Count the trials of evaluations under the same conditions together, as if each were a part of one.
+
+    Name, versions and metadata are kept as far as all agree; the seed is the first one's.
+
+    Raises:
+        ValueError: there is none, or their conditions differ.
+    """
+    if not evaluations or any(conditions(one) != conditions(evaluations[0]) for one in evaluations):
+        raise ValueError("only evaluations under the same conditions can be counted together")
+    cells = [{(cell.object_label, cell.grasp_type): cell for cell in one.cells} for one in evaluations]
+    counted = []
+    for place in cells[0]:
+        tally = Tally.sum(one[place] for one in cells)
+        counted.append(Cell(tally.verdicts, tally.faithful, place[1], place[0]))
+    return replace(
+        evaluations[0],
+        cells=tuple(counted),
+        per_cell=sum(one.per_cell for one in evaluations),
+        versions=_agreed([one.versions for one in evaluations]),
+        model_metadata=_agreed([one.model_metadata for one in evaluations]),
+    )
+
+
+def _agreed(mappings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Keep the entries, also of inner objects, that all have alike."""
+    kept: dict[str, Any] = {}
+    for key, value in mappings[0].items():
+        inner = [other for one in mappings if isinstance(other := one.get(key), Mapping)]
+        if len(inner) == len(mappings):
+            kept[key] = _agreed(inner)
+        elif all(one.get(key) == value for one in mappings):
+            kept[key] = value
+    return kept
 
 
 def read_notes(folder: Path) -> str:

@@ -19,6 +19,7 @@ from benchmarks.paper.runs import (
     Runs,
     TrainingCurves,
     metadata_differences,
+    pool,
     read_paper_runs,
     read_training,
     retraining_margin,
@@ -27,7 +28,7 @@ from benchmarks.paper.runs import (
     training_seed,
 )
 from benchmarks.paper.tables import judge
-from benchmarks.tests.support import MAX_BYTES, evaluation, needs_drawing, trained, words
+from benchmarks.tests.support import MAX_BYTES, needs_drawing, trained, words
 from graspcascade.core.errors import FileFormatError
 from graspcascade.core.intervals import newcombe
 from graspcascade.core.protocols import PAPER
@@ -36,7 +37,8 @@ from graspcascade.proposals.cascade.sampler import EVALUATION_FILE, GraspSampler
 from graspcascade.proposals.cascade.stages import FACTORIZATIONS
 from graspcascade.proposals.heuristic import HEURISTIC
 from graspcascade.studies.learn import CascadeTraining
-from graspcascade.studies.record import Evaluation, pool
+from graspcascade.studies.record import Evaluation
+from tests.evaluations import evaluation
 
 COUNTS = st.integers(1, 30_000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
 

@@ -12,10 +12,11 @@ from benchmarks.paper.markdown import points
 from benchmarks.paper.report import MAX_LINES, render, run, section, write_page
 from benchmarks.paper.runs import protocol_numbers, read_results
 from benchmarks.paper.sections import sections
-from benchmarks.tests.support import MAX_BYTES, evaluation, needs_drawing, trained, words
+from benchmarks.tests.support import MAX_BYTES, needs_drawing, trained, words
 from graspcascade.core.errors import FileFormatError, InputError
 from graspcascade.core.protocols import PAPER
 from graspcascade.studies.record import Evaluation
+from tests.evaluations import evaluation
 
 DOCS = Path(__file__).parents[2] / "docs"
 TABLES = Path(__file__).with_name("tables_i_to_iii.md")

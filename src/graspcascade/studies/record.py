@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,13 @@ class Tally:
             raise ValueError(f"a tally needs a count of each of {', '.join(VERDICTS)}, got {dict(self.verdicts)}")
         if not 0 <= self.faithful <= self.held:
             raise ValueError(f"{self.faithful} of {self.held} held trials cannot be type-faithful")
+
+    @classmethod
+    def sum(cls, tallies: Iterable[Tally]) -> Tally:
+        """Count trials together."""
+        parts = list(tallies)
+        verdicts = {name: sum(part.verdicts[name] for part in parts) for name in VERDICTS}
+        return Tally(verdicts, sum(part.faithful for part in parts))
 
     @property
     def n(self) -> int:
@@ -106,16 +113,10 @@ class Evaluation:
     versions: Mapping[str, str]
     model_metadata: Mapping[str, Any]
 
-    @property
-    def conditions(self) -> dict[str, Any]:
-        """All that must agree for two rates to be compared as two models': hand, protocol and cells."""
-        cells = sorted(f"{cell.object_label}/{cell.grasp_type}" for cell in self.cells)
-        return {"hand": self.hand, **self.protocol.to_json(), "cells": cells}
-
     @cached_property
     def total(self) -> Tally:
         """Counts over all cells."""
-        return _sum(self.cells)
+        return Tally.sum(self.cells)
 
     @property
     def n(self) -> int:
@@ -136,13 +137,13 @@ class Evaluation:
     def by_type(self) -> dict[str, Tally]:
         """Counts over the objects, by grasp type."""
         names = dict.fromkeys(cell.grasp_type for cell in self.cells)
-        return {name: _sum(cell for cell in self.cells if cell.grasp_type == name) for name in names}
+        return {name: Tally.sum(cell for cell in self.cells if cell.grasp_type == name) for name in names}
 
     @cached_property
     def by_object(self) -> dict[str, Tally]:
         """Counts over the types, by object name."""
         labels = dict.fromkeys(cell.object_label for cell in self.cells)
-        return {label: _sum(cell for cell in self.cells if cell.object_label == label) for label in labels}
+        return {label: Tally.sum(cell for cell in self.cells if cell.object_label == label) for label in labels}
 
     def to_json(self) -> dict[str, Any]:
         """Describe the record as the command line prints it; totals are spelled out beside the cells they come from."""
@@ -223,42 +224,6 @@ class Evaluation:
             raise FileFormatError(f"{path}: {error}") from error
 
 
-def pool(evaluations: Sequence[Evaluation]) -> Evaluation:
-    """Count the trials of evaluations under the same conditions together, as if each were a part of one.
-
-    Name, versions and metadata are kept as far as all agree; the seed is the first one's.
-
-    Raises:
-        ValueError: there is none, or their conditions differ.
-    """
-    if not evaluations or any(one.conditions != evaluations[0].conditions for one in evaluations):
-        raise ValueError("only evaluations under the same conditions can be counted together")
-    cells = [{(cell.object_label, cell.grasp_type): cell for cell in one.cells} for one in evaluations]
-    counted = []
-    for place in cells[0]:
-        tally = _sum(one[place] for one in cells)
-        counted.append(Cell(tally.verdicts, tally.faithful, place[1], place[0]))
-    return replace(
-        evaluations[0],
-        cells=tuple(counted),
-        per_cell=sum(one.per_cell for one in evaluations),
-        versions=_agreed([one.versions for one in evaluations]),
-        model_metadata=_agreed([one.model_metadata for one in evaluations]),
-    )
-
-
-def _agreed(mappings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Keep the entries, also of inner objects, that all have alike."""
-    kept: dict[str, Any] = {}
-    for key, value in mappings[0].items():
-        inner = [other for one in mappings if isinstance(other := one.get(key), Mapping)]
-        if len(inner) == len(mappings):
-            kept[key] = _agreed(inner)
-        elif all(one.get(key) == value for one in mappings):
-            kept[key] = value
-    return kept
-
-
 def is_evaluation(data: Any) -> bool:
     """Tell whether parsed JSON claims to be an evaluation."""
     return isinstance(data, dict) and data.get("kind") == KIND
@@ -267,12 +232,6 @@ def is_evaluation(data: Any) -> bool:
 def _cell(data: Mapping[str, Any]) -> Cell:
     verdicts = {name: int(data["verdicts"][name]) for name in VERDICTS}
     return Cell(verdicts, int(data["faithful"]), str(data["grasp_type"]), str(data["object"]))
-
-
-def _sum(tallies: Iterable[Tally]) -> Tally:
-    parts = list(tallies)
-    verdicts = {name: sum(part.verdicts[name] for part in parts) for name in VERDICTS}
-    return Tally(verdicts, sum(part.faithful for part in parts))
 
 
 def _same(one: Any, other: Any) -> bool:
