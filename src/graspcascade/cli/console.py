@@ -172,12 +172,15 @@ def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Pr
 
 def load_executing_hand(hand: str | None, proposal: Proposal) -> Hand:
     """Load the hand that executes a proposal's grasps: the one asked for, else the proposal's own."""
-    from ..hands import load_hand, shipped_hands
+    from ..hands import load_hand, shipped_hand
 
-    own = proposal.hand
-    if hand is None and own.mjcf is None and own.name not in {load_hand(name).name for name in shipped_hands()}:
-        raise InputError(f"model {proposal.name!r} is for {own.name}, which is not shipped; give its file with --hand")
-    return own if hand is None and own.mjcf is not None else load_hand(hand or own.name)
+    if hand is not None:
+        return load_hand(hand or proposal.hand.name)
+    own = proposal.hand if proposal.hand.mjcf is not None else shipped_hand(proposal.hand.name)
+    if own is None:
+        name = proposal.hand.name
+        raise InputError(f"model {proposal.name!r} is for {name}, which is not shipped; give its file with --hand")
+    return own
 
 
 class Bar:

@@ -15,7 +15,6 @@ from ..core.grasps import Grasps
 from ..core.intervals import wilson
 from ..core.objects import GraspObject, as_object
 from ..core.poses import Pose
-from ..core.tasks import Task, Tasks
 from ..core.taxonomy import GraspType, as_type
 from ..formats import GraspDocument, check_target, document_to_json, save_grasps
 from ..proposals import Proposal
@@ -91,14 +90,12 @@ class Sample:
             print(f"drew {len(pictured)} of {len(grasps)} grasps in {self.picture}")
 
     def _draw(self, proposal: Proposal, kind: GraspType, obj: GraspObject) -> Grasps:
-        rng, reach = np.random.default_rng(self.seed), proposal.hand.reach_m
+        site, reach = None, proposal.hand.reach_m
         if self.side_cm is not None:
             site = obj.site_of_length(self.side_cm / 100, reach)
         elif self.side_axis is not None:
             site = obj.site(self.side_axis, reach)
-        else:
-            return proposal.propose_any_side(obj, kind, self.n, rng)
-        return proposal.propose(Tasks.repeat(Task(kind, obj, site), self.n), rng)
+        return proposal.propose_alike(obj, kind, site, self.n, np.random.default_rng(self.seed))
 
     def _metadata(self, proposal: Proposal, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
         if isinstance(proposal, GraspSampler):

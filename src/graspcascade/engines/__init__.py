@@ -129,9 +129,7 @@ def check_joints(grasps: Grasps, hand: Hand) -> None:
     Raises:
         InputError: they lack some or name others.
     """
-    absent = [name for name in hand.joint_names if name not in grasps.joint_names]
-    if absent:
-        raise InputError(f"the grasps lack joints of {hand.name}: {', '.join(absent)}")
+    hand.columns_in(grasps.joint_names)
     foreign = [name for name in grasps.joint_names if name not in hand.joint_names]
     if foreign:
         raise InputError(f"{hand.name} has no joints {', '.join(foreign)}")

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import hands  # not its functions: those load what reads hand files, which sampling does not need
 from ..core.errors import FileFormatError, InputError
+from ..core.errors import shortened as cut
 from ..core.grasps import Grasps
 from ..core.poses import Pose
 from ..core.records import objects_to_json, read_tasks
-from ..hands import Hand, load_hand, shipped_hands
+from ..hands import Hand
 
 SCHEMA_VERSION = 1
 KIND = "graspcascade grasps"
@@ -114,17 +116,10 @@ def hand_name(head: Mapping[str, Any]) -> str:
     return name
 
 
-def shipped_hand(name: str) -> Hand | None:
-    """Load the hand of a name, None where no such one comes with the package."""
-    # Hands that are likely not the one need not be loaded to know.
-    likely_first = sorted(shipped_hands(), key=lambda short: not name.startswith(short))
-    return next((hand for hand in map(load_hand, likely_first) if hand.name == name), None)
-
-
 def hand_of(head: Mapping[str, Any], given: Hand | None) -> Hand:
     """Choose the hand that a file is for: the one given, else the shipped one it names, else the Shadow Hand."""
     name = hand_name(head)
-    hand = shipped_hand(name) if given is None else given
+    hand = hands.shipped_hand(name) if given is None else given
     if hand is None:
         raise InputError(
             f"these grasps are of hand {name!r}, which does not come with graspcascade; give its hand file (--hand)"
@@ -145,7 +140,7 @@ def to_document(
         hand: whose limits the angles must keep; by default the shipped hand that the file is for, if it is one.
     """
     name = hand_name(head)
-    hand = shipped_hand(name) if hand is None else hand
+    hand = hands.shipped_hand(name) if hand is None else hand
     try:
         _check_values(columns)
         notes = () if hand is None else _keep_limits(columns, joint_names, hand)
@@ -247,8 +242,7 @@ def pose_of(position_m: object, quat_wxyz: object, what: str) -> Pose:
 
 def shortened(value: object) -> str:
     """Write a value for a message, cut off where it is long."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return cut(repr(value))
 
 
 def _check_values(columns: Mapping[str, NDArray[Any]]) -> None:

@@ -22,10 +22,10 @@ from ..core.poses import Pose, quat_conjugate, rotate
 from ..core.records import objects_from_json
 from ..core.tasks import Tasks
 from ..core.taxonomy import GraspType, as_type
-from ..hands import Hand
+from ..hands import Hand, is_left
 from . import document as doc
 from .document import NUMBERS, GraspDocument, hand_of, mapping, number, place, shortened
-from .options import LEFT, Assumptions, ExportOptions
+from .options import Assumptions, ExportOptions
 
 KEY = "graspcascade"
 _NUMBERED = re.compile(r"(.*J)([1-9])")
@@ -63,7 +63,7 @@ def joints_to_write(grasps: Grasps, options: ExportOptions) -> tuple[Hand, list[
     check_joints(grasps.joint_names, hand.joint_names, hand.name)
     names = numbered((*hand.wrist_joints, *hand.joint_names), options.joint_numbering)
     written = {name: options.joint_prefix + other for name, other in names.items()}
-    return hand, [grasps.joint_names.index(name) for name in hand.joint_names], written
+    return hand, hand.columns_in(grasps.joint_names), written
 
 
 def check_joints(given: Sequence[str], needed: Sequence[str], hand: str) -> None:
@@ -146,10 +146,10 @@ def pick_joints(angles: object, names: Sequence[str], what: str, numbering: int 
     first = theirs[names[0]]
     prefixes = sorted((name.removesuffix(first) for name in given if name.endswith(first)), key=len)
     whole = [prefix for prefix in prefixes if all(prefix + name in given for name in theirs.values())]
-    right = [prefix for prefix in whole if not LEFT.search(prefix)]
+    right = [prefix for prefix in whole if not is_left(prefix)]
     if right:
         return {name: number(given[right[0] + other], f"{what} of {name}") for name, other in theirs.items()}
-    if whole or (prefixes and all(LEFT.search(prefix) for prefix in prefixes)):
+    if whole or (prefixes and all(is_left(prefix) for prefix in prefixes)):
         raise FileFormatError(f"{what} is of a left hand ({prefixes[0]}{first}); only right hands can be read")
     if numbering and all(_NUMBERED.fullmatch(name) for name in names):
         zero = set(numbered(names, 0).values())

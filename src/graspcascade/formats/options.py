@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,15 +15,13 @@ from ..core.objects import CATALOGUE, GraspObject
 from ..core.outcomes import Outcomes
 from ..core.poses import Pose
 from ..core.tasks import Task
-from ..hands import Hand
+from ..hands import Hand, is_left
 
 if TYPE_CHECKING:
     from ..studies.record import Evaluation
 
 HeldRates = Mapping[tuple[str, str], float]
 """Measured held rate in [0, 1] by grasp type and object name."""
-LEFT = re.compile(r"(^|[^a-z])(lh|left)([^a-z]|$)", re.IGNORECASE)
-"""Matches prefixes of a left hand's joints."""
 _CHOICES: Mapping[str, tuple[Any, ...]] = {
     "parent_link": ("forearm", "palm"),
     "frame_keys": ("frame", "frame_link"),
@@ -76,7 +73,7 @@ class ExportOptions:
             raise InputError("a held rate must lie between 0 and 1")
         if not (0 <= self.approach_m < np.inf and 0 <= self.retreat_m < np.inf):
             raise InputError(f"approach and retreat must be lengths, got {self.approach_m} m and {self.retreat_m} m")
-        if LEFT.search(self.joint_prefix):
+        if is_left(self.joint_prefix):
             raise InputError(f"joint prefix {self.joint_prefix!r} is of a left hand; all hands here are right ones")
         for name, choices in _CHOICES.items():
             check_name(name, str(getattr(self, name)), [str(choice) for choice in choices])

@@ -2,14 +2,25 @@
 
 from typing import TYPE_CHECKING, Any
 
-from .hand import Actuator, Closure, ContactPlace, Coupling, Digit, Hand, PlacePoints
+from .hand import Actuator, Closure, ContactPlace, Coupling, Digit, Hand, PlacePoints, is_left
 from .kinematics import Kinematics, Link
 
 if TYPE_CHECKING:
-    from .hand_file import load_hand, read_hand_file, read_spec, shipped_hands
+    from .hand_file import load_hand, read_hand_file, read_spec, shipped_hand, shipped_hands
 
-__all__ = ["Actuator", "Closure", "ContactPlace", "Coupling", "Digit", "Hand", "Kinematics", "Link", "PlacePoints"]
-__all__ += ["load_hand", "read_hand_file", "read_spec", "shipped_hands"]
+__all__ = [
+    "Actuator",
+    "Closure",
+    "ContactPlace",
+    "Coupling",
+    "Digit",
+    "Hand",
+    "Kinematics",
+    "Link",
+    "PlacePoints",
+    "is_left",
+]
+__all__ += ["load_hand", "read_hand_file", "read_spec", "shipped_hand", "shipped_hands"]
 
 
 def __getattr__(name: str) -> Any:

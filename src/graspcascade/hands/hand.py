@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -238,9 +239,7 @@ class Hand:
         Raises:
             InputError: joints of the hand are missing, or the hand has no model and so no actuators.
         """
-        missing = [name for name in self.joint_names if name not in angles]
-        if missing:
-            raise InputError(f"the grasps lack joints of {self.name}: {', '.join(missing)}")
+        self.columns_in(list(angles))
         if not self.actuators:
             bare = f"hand {self.name} came without its model and names no actuators"
             raise InputError(f"{bare}; load it from its hand file")
@@ -250,6 +249,13 @@ class Hand:
             lengths = (given[joint] * weight for joint, weight in actuator.weights.items() if joint in given)
             targets[self.prefix + actuator.name] = np.clip(sum(lengths, zero), actuator.low, actuator.high)
         return targets
+
+    def columns_in(self, joint_names: Sequence[str]) -> list[int]:
+        """Locate the hand's joints among the columns of grasps; an InputError names those that are not there."""
+        missing = [name for name in self.joint_names if name not in joint_names]
+        if missing:
+            raise InputError(f"the grasps lack joints of {self.name}: {', '.join(missing)}")
+        return [joint_names.index(name) for name in self.joint_names]
 
     def frames(self, posture: ArrayLike, bodies: list[str] | None = None) -> dict[str, tuple[Array, Array]]:
         """Compute body frames in the hand frame: ``(n, 3, 3)`` rotations and ``(n, 3)`` origins by body name."""
@@ -360,6 +366,14 @@ class Hand:
             )
         except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
             raise FileFormatError(f"stored hand geometry lacks or garbles {error}") from error
+
+
+_LEFT = re.compile(r"(^|[^a-z])(lh|left)([^a-z]|$)", re.IGNORECASE)
+
+
+def is_left(prefix: str) -> bool:
+    """Tell whether what stands before a joint's name, such as ``lh_``, says that it is of a left hand."""
+    return _LEFT.search(prefix) is not None
 
 
 def digest(*parts: bytes | str | Mapping[str, Any]) -> str:

@@ -97,10 +97,19 @@ def load_hand(hand: Hand | Path | str = "shadow") -> Hand:
         raise InputError(f"{path.name} is a model; give the hand file (.yaml) that says what its parts are")
     if path.suffix.lower() in YAML_SUFFIXES or path.exists():
         return read_hand_file(path)
-    named = {read.name: read for read in map(_read_shipped, shipped.values())}
-    if text in named:
-        return named[text]
+    known = shipped_hand(text)
+    if known is not None:
+        return known
+    named = [_read_shipped(file).name for file in shipped.values()]
     raise InputError(f"{unknown('hand', text, [*shipped, *named])} Or give the path of a hand file (.yaml).")
+
+
+def shipped_hand(name: str) -> Hand | None:
+    """Load the shipped hand that grasps and models name, such as ``shadow_hand_right``; None where there is none."""
+    shipped = shipped_hands()
+    # Hands that are likely not the one need not be read to know.
+    likely_first = sorted(shipped, key=lambda short: not name.startswith(short))
+    return next((hand for hand in (_read_shipped(shipped[short]) for short in likely_first) if hand.name == name), None)
 
 
 def read_hand_file(path: Path) -> Hand:

@@ -6,13 +6,17 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.grasps import Grasps
-from ..core.objects import GraspObject
-from ..core.tasks import Tasks, draw_tasks
+from ..core.objects import GraspObject, Site
+from ..core.poses import Pose
+from ..core.tasks import Task, Tasks, draw_tasks
 from ..core.taxonomy import GraspType
 from ..hands.hand import Hand
+
+Array = NDArray[np.float64]
 
 
 class Proposal(ABC):
@@ -46,9 +50,38 @@ class Proposal(ABC):
         """
         return self.propose(draw_tasks([(obj, kind)], n, self.hand.reach_m, rng), rng)
 
+    def propose_alike(
+        self, obj: GraspObject, kind: GraspType, site: Site | None, n: int, rng: np.random.Generator
+    ) -> Grasps:
+        """Draw n grasps of an object by one site, or where that is None by sides drawn as in `propose_any_side`.
+
+        Raises:
+            InputError: see `propose_any_side`.
+        """
+        if site is None:
+            return self.propose_any_side(obj, kind, n, rng)
+        return self.propose(Tasks.repeat(Task(kind, obj, site), n), rng)
+
     def describe(self) -> dict[str, Any]:
         """Say for a record what the grasps are drawn from."""
         return {}
+
+
+def as_proposed(
+    hand: Hand, tasks: Tasks, posture: Array, X_hand_object: Pose, grasp_size_m: Array, object_size_m: Array
+) -> Grasps:
+    """Make grasps of a hand that opens as it always does, their chances unknown; arguments are as in `Grasps`."""
+    return Grasps(
+        hand=hand.name,
+        joint_names=hand.joint_names,
+        tasks=tasks,
+        posture=posture,
+        pregrasp=np.broadcast_to(hand.pregrasp, posture.shape).copy(),
+        X_hand_object=X_hand_object,
+        grasp_size_m=grasp_size_m,
+        object_size_m=object_size_m,
+        probability=np.full(len(tasks), np.nan),
+    )
 
 
 def check_reach(hand: Hand, tasks: Tasks) -> None:

@@ -15,7 +15,7 @@ from ..core.poses import Pose, canonical_quat, quat_multiply
 from ..core.tasks import Tasks, draw_tasks
 from ..core.taxonomy import GraspType
 from ..hands.hand import Hand
-from . import Proposal, check_reach
+from . import Proposal, as_proposed, check_reach
 
 if TYPE_CHECKING:
     from .prior import PosturePrior
@@ -128,17 +128,7 @@ def place(hand: Hand, postures: ArrayLike, tasks: Tasks, rng: np.random.Generato
     pose = Pose((thumb + other) / 2, _align(axes, other - thumb, turn))
     if centres.any():
         pose = Pose(pose.apply(-centres), pose.quat_wxyz)
-    return Grasps(
-        hand=hand.name,
-        joint_names=hand.joint_names,
-        tasks=tasks,
-        posture=postures,
-        pregrasp=np.broadcast_to(hand.pregrasp, postures.shape).copy(),
-        X_hand_object=pose,
-        grasp_size_m=hand.grasp_size(postures),
-        object_size_m=np.full(len(tasks), np.nan),
-        probability=np.full(len(tasks), np.nan),
-    )
+    return as_proposed(hand, tasks, postures, pose, hand.grasp_size(postures), np.full(len(tasks), np.nan))
 
 
 def opposition_points(hand: Hand, postures: Array, tasks: Tasks) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ from ..engines import Engine, as_engine
 from ..engines.mujoco.creep import FAST_FORWARD
 from ..proposals.heuristic import Heuristic, cannot_touch
 from .dataset import is_intact, open_folder, shard_path, to_columns, write_metadata, write_shard
-from .rounds import CELLS, Pair, objects_of, try_round
+from .rounds import CELLS, Pair, setting_of, try_round
 
 MOST_DRAWS_PER_TRIAL = 1000
 """Candidates drawn of a cell for each trial of a round before it is called hopeless; the shipped prior needs three."""
@@ -140,16 +140,9 @@ def collect(
     """
     folder, hand, cells = Path(folder), proposal.hand, tuple(cells)
     engine = as_engine(creep=FAST_FORWARD) if engine is None else engine
-    identity = {
-        "hand": hand.name,
-        "hand_fingerprint": hand.fingerprint(),
-        "joint_names": list(hand.joint_names),
-        "pregrasp_rad": hand.pregrasp.tolist(),
+    identity = setting_of(hand, protocol, cells) | {
         "prior": proposal.prior.fingerprint(),
-        "digits": list(hand.digits),
-        "protocol": protocol.to_json(),
         "creep_projection": engine.abridged,
-        "objects": objects_of(cells),
         "screening": "candidates whose opposing places stay farther apart than the side is wide are skipped",
         "seed": spec.seed,
         "round_per_cell": spec.round_per_cell,
@@ -178,8 +171,8 @@ def collect(
             if not asked:
                 return state
             begun = time.perf_counter()
-            grasps, n_skipped = draw_round(proposal, asked, number, spec, cells)
             draw = CollectionRound(proposal, tuple(asked), number, spec, cells)
+            grasps, n_skipped = draw.screened()
             outcomes = try_round(grasps, draw, hand, protocol, engine, workers=workers, progress=tick)
             path = shard_path(folder, number)
             digest = write_shard(path, to_columns(grasps, outcomes))
@@ -205,7 +198,11 @@ class CollectionRound:
 
     def __call__(self) -> Grasps:
         """Draw it."""
-        return draw_round(self.proposal, self.asked, self.number, self.spec, self.cells)[0]
+        return self.screened()[0]
+
+    def screened(self) -> tuple[Grasps, int]:
+        """Draw it, and count the candidates skipped."""
+        return draw_round(self.proposal, self.asked, self.number, self.spec, self.cells)
 
 
 def draw_round(

@@ -25,7 +25,7 @@ from ..proposals import Proposal
 from ..proposals.cascade.sampler import EVALUATION_FILE
 from .dataset import METADATA_FILE, is_intact, open_folder, shard_path, to_columns, write_metadata, write_shard
 from .record import Cell, Evaluation
-from .rounds import CELLS, Pair, objects_of, try_round
+from .rounds import CELLS, Pair, setting_of, try_round
 
 ROUND_PER_CELL = 20
 """Trials of a cell in one round; a round is all that an interruption can lose."""
@@ -95,13 +95,7 @@ def evaluate(
         "kind": "graspcascade evaluation rounds",
         "model": name,
         "model_metadata": _plain(proposal.describe() if metadata is None else metadata),
-        "protocol": protocol.to_json(),
-        "hand": hand.name,
-        "hand_fingerprint": hand.fingerprint(),
-        "joint_names": list(hand.joint_names),
-        "digits": list(hand.digits),
-        "pregrasp_rad": hand.pregrasp.tolist(),
-        "objects": objects_of(cells),
+        **setting_of(hand, protocol, cells),
         "cells": [[obj.name, kind.name] for obj, kind in cells],
         "seed": seed,
         "per_cell": per_cell,

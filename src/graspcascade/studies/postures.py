@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from ..core.errors import FileFormatError, InputError
 from ..core.files import write_staged
 from ..core.taxonomy import as_type
-from ..hands import Hand
+from ..hands import Hand, is_left
 
 Unit = Literal["deg", "rad"]
 TYPE_COLUMNS = ("grasp_type", "type")
 _RADIANS = {"deg": math.radians(1.0), "rad": 1.0}
 _UNIT_NAMES = {"deg": "degrees", "rad": "radians"}
 _JOINT_LIKE = re.compile(r"(^|[^a-z])[a-z]{2}j\d+$|_(deg|rad)$", re.IGNORECASE)
-_LEFT = re.compile(r"(^|[^a-z])(lh|left)([^a-z]|$)")
 _ROUNDING_RAD = 1e-6
 """An angle this little beyond a limit was at the limit before it was written with a few digits."""
 _OVERSHOOT_RAD = 0.1
@@ -173,7 +172,7 @@ def _joint_columns(header: list[str], hand: Hand, unit: Unit | None) -> list[_Jo
         if joint not in known:
             foreign += [name] if _JOINT_LIKE.search(name) else []
             continue
-        if _LEFT.search(prefix):
+        if is_left(prefix):
             raise FileFormatError(f"column {name!r} is of a left hand; recordings of a right hand are needed")
         if columns and prefix != shared:
             raise FileFormatError(f"columns {columns[0].header!r} and {name!r} must have the same prefix, or none")

@@ -43,6 +43,23 @@ def objects_of(cells: Sequence[Pair]) -> dict[str, dict[str, Any]]:
     return {name: obj.to_json() for name, obj in named.items()}
 
 
+def setting_of(hand: Hand, protocol: Protocol, cells: Sequence[Pair]) -> dict[str, Any]:
+    """Describe with what, how and on what trials are done, as the metadata of their rows carries it.
+
+    Raises:
+        InputError: see `objects_of`.
+    """
+    return {
+        "hand": hand.name,
+        "hand_fingerprint": hand.fingerprint(),
+        "joint_names": list(hand.joint_names),
+        "pregrasp_rad": hand.pregrasp.tolist(),
+        "digits": list(hand.digits),
+        "protocol": protocol.to_json(),
+        "objects": objects_of(cells),
+    }
+
+
 @dataclass(frozen=True)
 class TrialJob:
     """Draw one round and try every so-many-th of its grasps, the first and every `stride`-th after it."""

@@ -89,6 +89,11 @@ class Recording:
         """Find the last frame not after a time."""
         return int(np.clip(np.searchsorted(self.time_s, time_s + 1e-9, side="right") - 1, 0, len(self) - 1))
 
+    @property
+    def closed_row(self) -> int:
+        """Row of the moment at which the hand has closed; of a trial that ended before, its last."""
+        return self.row_at(self.protocol.schedule.closing_steps * self.protocol.physics.time_step_s)
+
     def phase(self, row: int) -> tuple[Phase, str]:
         """Find the phase that a frame belongs to, and words for what is being done."""
         schedule, step_s = self.protocol.schedule, self.protocol.physics.time_step_s

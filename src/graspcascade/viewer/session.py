@@ -20,7 +20,6 @@ from ..core.objects import GraspObject, as_object
 from ..core.outcomes import Outcomes
 from ..core.poses import Pose
 from ..core.protocols import PAPER, Protocol
-from ..core.tasks import Task, Tasks
 from ..core.taxonomy import GraspType, as_type
 from ..engines import run_trials
 from ..formats import FORMATS_BY_NAME, ExportOptions, load_executable, save_grasps
@@ -109,10 +108,8 @@ def sample_batch(proposal: Proposal, hand: Hand, request: SampleRequest) -> Batc
     """
     hand.check_type(request.grasp_type)
     rng, kind, obj, axis = np.random.default_rng(request.seed), request.grasp_type, request.object, request.side_axis
-    if axis is None:
-        grasps = proposal.propose_any_side(obj, kind, request.n, rng)
-    else:
-        grasps = proposal.propose(Tasks.repeat(Task(kind, obj, obj.site(axis, hand.reach_m)), request.n), rng)
+    site = None if axis is None else obj.site(axis, hand.reach_m)
+    grasps = proposal.propose_alike(obj, kind, site, request.n, rng)
     asked = {"grasp_type": kind.name, "object": obj.name, "side_axis": axis, "n": request.n, "seed": request.seed}
     side = "" if axis is None else f"_{axis}"
     name = f"{kind.name}_{obj.name}{side}_seed{request.seed}".replace(":", "_")
@@ -135,10 +132,7 @@ def file_batch(path: Path, hand: Hand, trust_pickle: bool = False) -> Batch:
 
 
 def _ordered(grasps: Grasps, hand: Hand) -> Grasps:
-    missing = [name for name in hand.joint_names if name not in grasps.joint_names]
-    if missing:
-        raise InputError(f"the grasps lack joints of {hand.name}: {', '.join(missing)}")
-    order = [grasps.joint_names.index(name) for name in hand.joint_names]
+    order = hand.columns_in(grasps.joint_names)
     posture, pregrasp = grasps.posture[:, order], grasps.pregrasp[:, order]
     return replace(grasps, joint_names=hand.joint_names, posture=posture, pregrasp=pregrasp)
 
@@ -239,8 +233,8 @@ class Session:
             pose = Pose(grasp.X_hand_object.position_m[0], grasp.X_hand_object.quat_wxyz[0])
             posture = grasp.pregrasp[0] if view == "pregrasp" else grasp.posture[0]
             return Frame(grasp.tasks.distinct[0].object, posture, pose, np.zeros(3))
-        recording, protocol = self.recording(), self.protocol
-        return recording.frame(recording.row_at(protocol.schedule.closing_steps * protocol.physics.time_step_s))
+        recording = self.recording()
+        return recording.frame(recording.closed_row)
 
     @property
     def closed(self) -> bool:

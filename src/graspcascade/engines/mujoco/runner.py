@@ -160,7 +160,7 @@ class _Runner:
         self.finder = IdleFinder(self.whole.world, hand) if leave_out else None
         self.idle: dict[int, tuple[Idle, NDArray[np.float64]]] = {}
         """What was left out of each trial in a group without all digits, and the whole group's state before."""
-        order = [list(grasps.joint_names).index(name) for name in hand.joint_names]
+        order = hand.columns_in(grasps.joint_names)
         self.to_grasps = np.argsort(order)
         self.pregrasp = hand.clip(grasps.pregrasp[:, order])
         self.trials = TrialSetup(grasps, protocol, conditions)

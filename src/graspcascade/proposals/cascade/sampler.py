@@ -18,11 +18,11 @@ from ...core.errors import FileFormatError, InputError, check_name, unknown
 from ...core.grasps import Grasps
 from ...core.objects import GraspObject, as_object
 from ...core.poses import Pose, canonical_quat
-from ...core.tasks import Task, Tasks
+from ...core.tasks import Tasks
 from ...core.taxonomy import GraspType, as_type
 from ...hands.hand import Hand
 from ...nets import NumpyDecoder, load_decoders, save_decoders
-from .. import Proposal, check_reach
+from .. import Proposal, as_proposed, check_reach
 from .encoding import (
     Request,
     check_known,
@@ -186,11 +186,8 @@ class GraspSampler(Proposal):
             raise InputError(f"n must be at least 1, got {n}")
         if seed < 0:
             raise InputError(f"seed must not be negative, got {seed}")
-        rng = np.random.default_rng(seed)
-        if side_axis is None:
-            return self.propose_any_side(target, kind, n, rng)
-        task = Task(kind, target, target.site(side_axis, self.hand.reach_m))
-        return self.propose(Tasks.repeat(task, n), rng)
+        site = None if side_axis is None else target.site(side_axis, self.hand.reach_m)
+        return self.propose_alike(target, kind, site, n, np.random.default_rng(seed))
 
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:
         """Draw one grasp for each task; the same generator state gives the same grasps.
@@ -221,17 +218,8 @@ class GraspSampler(Proposal):
             if "position" in stage.targets:
                 quantities["position"] = values["position"]
         pose = Pose(values["position"], canonical_quat(values["rotation"]))
-        return Grasps(
-            hand=self.hand.name,
-            joint_names=self.hand.joint_names,
-            tasks=tasks,
-            posture=posture,
-            pregrasp=np.broadcast_to(self.hand.pregrasp, posture.shape).copy(),
-            X_hand_object=in_hand(pose, closure.thumb_m, closure.other_m, self.factorization.frame),
-            grasp_size_m=closure.grasp_size_m,
-            object_size_m=request.object_size_m,
-            probability=np.full(len(posture), np.nan),
-        )
+        X_hand_object = in_hand(pose, closure.thumb_m, closure.other_m, self.factorization.frame)
+        return as_proposed(self.hand, tasks, posture, X_hand_object, closure.grasp_size_m, request.object_size_m)
 
 
 DEFAULT = "paper"

@@ -18,9 +18,7 @@ MOMENTS: tuple[str, ...] = ("placed", "closed", "end of trial")
 
 def moments(recording: Recording) -> tuple[Frame, ...]:
     """Choose the frames of `MOMENTS`; a trial that ended before one repeats its end."""
-    protocol = recording.protocol
-    closed = recording.row_at(protocol.schedule.closing_steps * protocol.physics.time_step_s)
-    return recording.frame(0), recording.frame(closed), recording.frame(-1)
+    return recording.frame(0), recording.frame(recording.closed_row), recording.frame(-1)
 
 
 def grasp_strip(renderer: Renderer, grasps: Grasps, protocol: Protocol = PAPER) -> Any:
