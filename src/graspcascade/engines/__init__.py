@@ -47,18 +47,9 @@ class Engine(Protocol):
         observe: Observer | None = None,
         progress: Progress | None = None,
     ) -> Outcomes:
-        """Execute every grasp.
+        """Execute every grasp, joints matched by name; outcomes are in the order of the grasps.
 
-        Args:
-            hand: the hand to execute with.
-            grasps: what to execute; joints are matched by name.
-            protocol: what is done, under which physics, and what counts.
-            conditions: of each trial, where they differ from the protocol's physics.
-            observe: sees every trial as it goes.
-            progress: hears how many trials were decided.
-
-        Returns:
-            Outcomes in the order of the grasps.
+        Conditions are those of each trial, where they differ from the protocol's physics.
         """
         ...
 

@@ -18,17 +18,7 @@ from safetensors.numpy import save
 from ..core.errors import FileFormatError, InputError, check_name
 from ..core.files import write_staged
 from . import vmf
-from .specs import (
-    Array,
-    Array32,
-    Fitted,
-    HeadSpec,
-    Standardisation,
-    VaeSpec,
-    components,
-    concentration,
-    normalised,
-)
+from .specs import Array, Array32, Fitted, HeadSpec, Standardisation, VaeSpec, components, concentration, normalised
 
 Mode = Literal["sample", "mean"]
 
@@ -76,9 +66,8 @@ class NumpyDecoder:
         Raises:
             InputError: an array is missing, has another shape than the spec asks, or is not finite.
         """
-        widths = spec.decoder_widths
         layers = []
-        for index, (inputs, outputs) in enumerate(pairwise(widths)):
+        for index, (inputs, outputs) in enumerate(pairwise(spec.decoder_widths)):
             matrix = _array(weights, _name(index, "weight"), (outputs, inputs))
             bias = _array(weights, _name(index, "bias"), (outputs,))
             layers.append(Layer(np.ascontiguousarray(matrix.T), bias))
@@ -155,16 +144,11 @@ class NumpyDecoder:
         fixed, free = np.flatnonzero(columns), np.flatnonzero(~columns)
         standard = ((values - scaling.c_mean[fixed]) / scaling.c_std[fixed]).astype(np.float32)
         z = self.spec.latent_dim
+        matrix = np.concatenate([first.matrix[:z], first.matrix[z + free]])
         return NumpyDecoder(
             replace(self.spec, condition_dim=len(free)),
             replace(scaling, c_mean=scaling.c_mean[free], c_std=scaling.c_std[free]),
-            (
-                Layer(
-                    np.concatenate([first.matrix[:z], first.matrix[z + free]]),
-                    first.bias + standard @ first.matrix[z + fixed],
-                ),
-                *self.layers[1:],
-            ),
+            (Layer(matrix, first.bias + standard @ first.matrix[z + fixed]), *self.layers[1:]),
         )
 
     def sample(

@@ -86,17 +86,11 @@ class _Run:
         held_out = round(training.validation_fraction * len(shuffled))
         if len(shuffled) - held_out < 1:
             raise InputError(f"no rows are left to train on: {len(shuffled)} given, {held_out} held out")
+        rate, decay = training.learning_rate, training.weight_decay
+        optimiser = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=decay, fused=True)
+        batch_size = min(training.batch_size, len(shuffled) - held_out)
         return cls(
-            training,
-            rows,
-            model,
-            averaged,
-            torch.optim.AdamW(
-                model.parameters(), lr=training.learning_rate, weight_decay=training.weight_decay, fused=True
-            ),
-            train_rows=shuffled[held_out:],
-            validation_rows=shuffled[:held_out],
-            batch_size=min(training.batch_size, len(shuffled) - held_out),
+            training, rows, model, averaged, optimiser, shuffled[held_out:], shuffled[:held_out], batch_size=batch_size
         )
 
     @property

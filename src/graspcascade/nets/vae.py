@@ -31,9 +31,6 @@ def log_peak_density(kappa: Tensor) -> Tensor:
     """Compute log C_4(kappa) + kappa, the log density at the mean, differentiable for every kappa >= 0.
 
     Computed in float64 whatever the input: its gradient, 1 - A_4(kappa), is a difference of close numbers.
-
-    Args:
-        kappa: concentrations, any shape.
     """
     wide = kappa.double()
     # Each branch gets an argument inside its own range, so that the unused one never sends back a NaN.
@@ -50,13 +47,7 @@ def vmf_log_prob(mean: Tensor, kappa: Tensor, x: Tensor) -> Tensor:
     Written with ``mean . x = 1 - |mean - x|^2 / 2``, which keeps its digits at high concentration. Constants as in
     Mardia and Jupp, Directional Statistics (2000), section 9.3.2, DOI 10.1002/9780470316979.
 
-    Args:
-        mean: ``(..., 4)`` unit vectors.
-        kappa: ``(...)`` concentrations, ``>= 0``.
-        x: ``(..., 4)`` unit vectors.
-
-    Returns:
-        ``(...)``, in the type of `mean`.
+    Unit vectors `mean` and `x` are ``(..., 4)``, concentrations ``(...)`` as is the result, in the type of `mean`.
     """
     distance = (mean - x).square().sum(-1)
     return log_peak_density(kappa).to(mean.dtype) - 0.5 * kappa * distance

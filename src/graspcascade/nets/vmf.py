@@ -20,13 +20,7 @@ def sample(mean: ArrayLike, kappa: ArrayLike, rng: np.random.Generator) -> Array
     Rejection from a Gamma envelope, which three normals give together with the tangent direction. Of the proposals
     56 % are accepted at zero concentration, 98 % at 3 and nearly all at 10 and above.
 
-    Args:
-        mean: ``(n, 4)`` unit vectors.
-        kappa: ``(n,)`` or a scalar, finite and ``>= 0``.
-        rng: source of all randomness.
-
-    Returns:
-        ``(n, 4)`` unit vectors.
+    Means are ``(n, 4)`` unit vectors, concentrations ``(n,)`` or a scalar; the draws are ``(n, 4)`` unit vectors.
 
     Raises:
         InputError: a shape is wrong, or a concentration is negative or not finite.

@@ -29,12 +29,7 @@ def digit_of_geoms(model: Any, hand: Hand) -> NDArray[np.int64]:
 
 
 def digit_pairs(digit_of_geom: Mapping[int, int], thumb: int) -> list[Pair]:
-    """List the geom pairs of the thumb with each finger and of neighbouring fingers.
-
-    Args:
-        digit_of_geom: place of the digit, in anatomical order, by geom id.
-        thumb: place of the thumb.
-    """
+    """List the geom pairs of the thumb with each finger and of neighbouring fingers, from each geom's digit's place."""
 
     def meet(a: int, b: int) -> bool:
         return a != b and (thumb in (a, b) or abs(a - b) == 1)

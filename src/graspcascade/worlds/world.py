@@ -75,11 +75,7 @@ def build_world(
     hand_to_world(spec, hand)
     _add_object(spec, obj, physics.density_factor)
     slide, turn, roll = physics.friction, physics.torsional_friction_m, 0.0001
-    contact = {
-        "condim": 4,
-        "solref": [physics.contact_time_constant_s, 1.0],
-        "solimp": [0.9, 0.95, 0.001, 0.5, 2.0],
-    }
+    contact = {"condim": 4, "solref": [physics.contact_time_constant_s, 1.0], "solimp": [0.9, 0.95, 0.001, 0.5, 2.0]}
     for geom in spec.geoms:
         geom.friction = [slide, turn, roll]
         for name, value in contact.items():
@@ -284,11 +280,8 @@ def _add_sensors(spec: Any, hand: Hand) -> None:
 
 def _locate(model: Any, hand: Hand) -> World:
     present = {model.joint(i).name: i for i in range(model.njnt)}
-    column = {
-        present[hand.prefix + name]: place
-        for place, name in enumerate(hand.joint_names)
-        if hand.prefix + name in present
-    }
+    names = [hand.prefix + name for name in hand.joint_names]
+    column = {present[name]: place for place, name in enumerate(names) if name in present}
     weights = {hand.prefix + actuator.name: actuator for actuator in hand.actuators}
     control_map = np.zeros((len(hand.joint_names), model.nu))
     control_range = np.tile([-np.inf, np.inf], (model.nu, 1))

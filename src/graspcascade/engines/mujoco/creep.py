@@ -58,15 +58,8 @@ class CreepSkipper:
     A slot under weight goes through cycles: a stretch of settling, a stretch of measuring, a skip. Times are counted in
     steps and every stretch is a multiple of `stride`.
 
-    Args:
-        projection: durations and bounds.
-        time_step_s: integration step.
-        stride: the runner checks a slot after every so many steps.
-        n_slots: slots of the batch.
-        first_step: step count at which weight sets in.
-        last_step: step count at which the trial ends.
-        object_qpos: address of the object's seven numbers in a state; all else are joint angles.
-        n_qpos: length of a state.
+    Weight sets in at `first_step` and the trial ends at `last_step`. The object's seven numbers stand at `object_qpos`
+    in a state of `n_qpos`; all else are joint angles.
     """
 
     def __init__(
@@ -112,15 +105,9 @@ class CreepSkipper:
         return left
 
     def advance(self, slots: NDArray[np.int64], step: NDArray[np.int64], qpos: Array) -> NDArray[np.int64]:
-        """Let states skip whose burst is complete.
+        """Let states of slots under weight skip where their burst is complete; count the steps skipped ``(k,)``.
 
-        Args:
-            slots: ``(k,)`` slots under weight.
-            step: ``(k,)`` their step counts.
-            qpos: ``(n_slots, n_qpos)`` all states; skips are written into it.
-
-        Returns:
-            ``(k,)`` steps skipped over, 0 where nothing skipped.
+        Skips are written into `qpos` ``(n_slots, n_qpos)``, the states of all slots.
         """
         skipped = np.zeros(len(slots), dtype=np.int64)
         turning = (step == self._turning[slots]) & (step < self._last)

@@ -54,9 +54,7 @@ class Idle:
 class IdleFinder:
     """Find digits that are clear of the rest, and tell whether they still are.
 
-    Args:
-        world: a reduced world with all digits; its contact pairs say what can touch what.
-        hand: the hand.
+    The world is a reduced one with all digits: its contact pairs say what can touch what.
     """
 
     def __init__(self, world: World, hand: Hand) -> None:
@@ -92,13 +90,8 @@ class IdleFinder:
     def slack(self, idle: Idle, qpos: NDArray[np.float64], addresses: NDArray[np.intp]) -> float:
         """Measure how far the object may move, metres, before it could come near the digits left out.
 
-        Args:
-            idle: what was left out.
-            qpos: state of the world without these digits.
-            addresses: where its entries stand in the state of the whole world.
-
-        Returns:
-            Zero or less where it is near already.
+        It is zero or less where it is near already. `qpos` is a state of the world without these digits, `addresses`
+        where its entries stand in the state of the whole world.
         """
         whole = idle.qpos.copy()
         whole[addresses] = qpos
@@ -131,11 +124,7 @@ def object_moved(
 ) -> NDArray[np.float64]:
     """Bound how far any part of the object moved between states ``(k, n_qpos)``, metres ``(k,)``.
 
-    Args:
-        world: the world of the states.
-        a: states.
-        b: later states.
-        radius_m: ``(k,)`` distance of the object's farthest point from its centre.
+    `radius_m` ``(k,)`` is the distance of the object's farthest point from its centre.
     """
     position, quat = (slice(world.object_qpos + first, world.object_qpos + last) for first, last in ((0, 3), (3, 7)))
     shift = np.linalg.norm(b[:, position] - a[:, position], axis=1)

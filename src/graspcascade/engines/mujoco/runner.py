@@ -168,8 +168,7 @@ class _Runner:
         if conditions is not None:
             self.start_m = self.start_m + conditions.position_error_m
             turn = conditions.rotation_error_quat_wxyz
-            turned = quat_multiply(turn, self.start_quat)
-            self.start_quat = np.where((turn[:, :1] == 1.0), self.start_quat, turned)
+            self.start_quat = np.where(turn[:, :1] == 1.0, self.start_quat, quat_multiply(turn, self.start_quat))
         for each in self.groups:
             each.aim(self.pregrasp, grasps.posture[:, order], self.trials)
         self.n_slots = n_slots
@@ -231,8 +230,8 @@ class _Runner:
     def _judge(self, group: SlotGroup, active: Slots) -> Slots:
         """Decide what can be decided; return the slots that became free so."""
         closing, total = self.schedule.closing_steps, self.schedule.total_steps
-        is_broken = group.broken(active)
-        broken, sound = active[is_broken], active[~is_broken]
+        broken = active[group.broken(active)]
+        sound = np.setdiff1d(active, broken)
         self._decide(group, broken, np.full(len(broken), "unstable"))
 
         missed = self._judge_closing(sound[group.step[sound] == closing]) if group is self.whole else sound[:0]

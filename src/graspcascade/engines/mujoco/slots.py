@@ -27,10 +27,6 @@ class SlotGroup:
     A slot is free or holds a trial; the runner steps, checks and frees it. Slots never see each other.
 
     Args:
-        hand: the hand.
-        protocol: phases and physics.
-        n_slots: slots of the batch.
-        n_threads: threads that step them.
         varied: whether friction and gains may differ from slot to slot.
         reduced: see `worlds.world.build_world`.
         without: digits left out.
@@ -83,20 +79,21 @@ class SlotGroup:
         self.cleared, self.slack_m = self.qpos.copy(), np.zeros(n_slots)
         start = self.world.object_qpos
         self.object_position, self.object_quat = slice(start, start + 3), slice(start + 3, start + 7)
-        self._skipper = None if creep is None else self._make_skipper(creep)
-        self._shared: tuple[SlotGroup, _Addresses] | None = None
-
-    def _make_skipper(self, creep: CreepProjection) -> CreepSkipper:
-        return CreepSkipper(
-            creep,
-            time_step_s=self.protocol.physics.time_step_s,
-            stride=self._check_steps,
-            n_slots=len(self.trial),
-            first_step=self.schedule.carry_begins,
-            last_step=self.schedule.total_steps,
-            object_qpos=self.world.object_qpos,
-            n_qpos=self.qpos.shape[1],
+        self._skipper = (
+            None
+            if creep is None
+            else CreepSkipper(
+                creep,
+                time_step_s=protocol.physics.time_step_s,
+                stride=check_steps,
+                n_slots=n_slots,
+                first_step=self.schedule.carry_begins,
+                last_step=self.schedule.total_steps,
+                object_qpos=start,
+                n_qpos=self.qpos.shape[1],
+            )
         )
+        self._shared: tuple[SlotGroup, _Addresses] | None = None
 
     def aim(self, pregrasp: NDArray[np.float64], posture: NDArray[np.float64], trials: TrialSetup) -> None:
         """Set what the hand closes from and to, ``(n, J)`` radians, and on what, for all trials to come."""
@@ -155,11 +152,8 @@ class SlotGroup:
     def resume(self, slots: Slots, state: NDArray[np.float64], step: int, centre: NDArray[np.float64]) -> None:
         """Continue just taken trials from a saved state of this group's batch.
 
-        Args:
-            slots: ``(k,)``.
-            state: a row, or ``(k, ...)`` rows, of the batch's state.
-            step: steps done by then.
-            centre: where closing left the objects' centres.
+        `state` is a row, or ``(k, ...)`` rows, of the batch's state, `step` the steps done by then and `centre` where
+        closing left the objects' centres.
         """
         self.batch.state[slots], self.step[slots], self.centre[slots] = state, step, centre
 
@@ -238,13 +232,7 @@ class SlotGroup:
 
 
 class TrialSetup:
-    """Hold what each trial of a run is made with: its object, and its conditions where they differ.
-
-    Args:
-        grasps: the grasps, one a trial.
-        protocol: its physics hold where a trial has no conditions of its own.
-        conditions: of each trial, None where all are alike.
-    """
+    """Hold what each trial of a run is made with: its object, and its conditions where they differ."""
 
     def __init__(self, grasps: Grasps, protocol: Protocol, conditions: Conditions | None) -> None:
         self.conditions = conditions
@@ -293,15 +281,8 @@ def _shared_addresses(model: Any, larger: Any) -> _Addresses:
     for number in range(model.njnt):
         joint = model.joint(number)
         theirs = larger.joint(joint.name)
-        free = joint.name == OBJECT
-        widths = (7, 6) if free else (1, 1)
-        for entries, at, there, width in zip(
-            (qpos, dofs),
-            (joint.qposadr[0], joint.dofadr[0]),
-            (theirs.qposadr[0], theirs.dofadr[0]),
-            widths,
-            strict=True,
-        ):
-            entries[at : at + width] = np.arange(there, there + width)
+        angles, speeds = np.arange(7 if joint.name == OBJECT else 1), np.arange(6 if joint.name == OBJECT else 1)
+        qpos[joint.qposadr[0] + angles] = theirs.qposadr[0] + angles
+        dofs[joint.dofadr[0] + speeds] = theirs.dofadr[0] + speeds
     controls = np.array([larger.actuator(model.actuator(i).name).id for i in range(model.nu)], dtype=np.intp)
     return qpos, dofs, controls
