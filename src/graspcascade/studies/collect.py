@@ -20,7 +20,7 @@ from ..core.protocols import PAPER, Protocol
 from ..engines import Engine, as_engine
 from ..engines.mujoco.creep import FAST_FORWARD
 from ..proposals.heuristic import Heuristic, cannot_touch
-from .dataset import is_intact, open_folder, shard_path, to_columns, write_metadata, write_shard
+from .dataset import is_intact, open_folder, write_metadata, write_round
 from .rounds import CELLS, Pair, objects_of, try_round
 
 MOST_DRAWS_PER_TRIAL = 1000
@@ -166,7 +166,7 @@ def collect(
             before = {"rounds": len(shards), "collection": metadata["collection"]}
             metadata["asked_before"] = [*metadata.get("asked_before", []), before]
             metadata["collection"] = asdict(spec)
-        lost = [n for n, shard in enumerate(shards) if not is_intact(folder / shard["file"], shard["sha256"])]
+        lost = [number for number, shard in enumerate(shards) if not is_intact(folder, shard)]
         while True:
             state = CollectionState.of(shards, lost, len(cells))
             if progress is not None:
@@ -181,14 +181,12 @@ def collect(
             grasps, n_skipped = draw_round(proposal, asked, number, spec, cells)
             draw = CollectionRound(proposal, tuple(asked), number, spec, cells)
             outcomes = try_round(grasps, draw, hand, protocol, engine, workers=workers, progress=tick)
-            path = shard_path(folder, number)
-            digest = write_shard(path, to_columns(grasps, outcomes))
-            about = {"file": path.name, "sha256": digest, "rows": len(grasps), "screened_out": n_skipped}
-            shards[number : number + 1] = [about | _count(cells, grasps, outcomes)]
+            entry = write_round(folder, number, grasps, outcomes) | {"screened_out": n_skipped}
+            shards[number : number + 1] = [entry | _count(cells, grasps, outcomes)]
             del lost[:1]
             # Kept apart from what the same seed gives again.
             spent = {"seconds": round(time.perf_counter() - begun, 3), "peak_rss_mb": round(peak_rss_mb(), 1)}
-            metadata.setdefault("effort", {})[path.name] = spent
+            metadata.setdefault("effort", {})[entry["file"]] = spent
             metadata["counts"] = _totals(cells, shards)
             write_metadata(folder, metadata)
 

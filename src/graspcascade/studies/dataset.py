@@ -170,7 +170,9 @@ def open_folder(
     """
     identity = {"schema_version": SCHEMA_VERSION} | dict(identity)
     with sole_writer(folder):
-        if (folder / METADATA_FILE).exists():
+        path = folder / METADATA_FILE
+        is_new = not path.exists()
+        if not is_new:
             metadata = read_metadata(folder)
             differing = [key for key, value in identity.items() if metadata.get(key) != value]
             if differing:
@@ -183,7 +185,13 @@ def open_folder(
         else:
             metadata = identity | dict(empty)
             write_metadata(folder, metadata)
-        yield metadata
+        try:
+            yield metadata
+        except InputError:
+            # What is refused before its first round must not bind the folder to the arguments that were wrong.
+            if is_new and not metadata["shards"] and not metadata.get("rounds"):
+                path.unlink(missing_ok=True)
+            raise
 
 
 def read_metadata(folder: Path) -> dict[str, Any]:
@@ -232,12 +240,16 @@ def write_shard(path: Path, columns: Columns) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def is_intact(path: Path, sha256: str) -> bool:
-    """Tell whether a shard is there with the content that its checksum is of."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest() == sha256
-    except FileNotFoundError:
-        return False
+def write_round(folder: Path, number: int, grasps: Grasps, outcomes: Outcomes) -> dict[str, Any]:
+    """Write the rows of a round as a shard, and return what the metadata lists of it: file, sha256 and rows."""
+    path = shard_path(folder, number)
+    return {"file": path.name, "sha256": write_shard(path, to_columns(grasps, outcomes)), "rows": len(grasps)}
+
+
+def is_intact(folder: Path, entry: Mapping[str, Any]) -> bool:
+    """Tell whether a shard that the metadata lists is there with the content that its checksum is of."""
+    path = folder / entry["file"]
+    return path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == str(entry["sha256"])
 
 
 def shards_digest(metadata: Mapping[str, Any]) -> str:

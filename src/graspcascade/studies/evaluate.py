@@ -23,7 +23,7 @@ from ..engines import Engine, as_engine
 from ..hands import Hand, load_hand
 from ..proposals import Proposal
 from ..proposals.cascade.sampler import EVALUATION_FILE
-from .dataset import METADATA_FILE, is_intact, open_folder, shard_path, to_columns, write_metadata, write_shard
+from .dataset import METADATA_FILE, is_intact, open_folder, shard_path, write_metadata, write_round
 from .record import Cell, Evaluation
 from .rounds import CELLS, Pair, objects_of, try_round
 
@@ -84,7 +84,7 @@ def evaluate(
         >>> result.protocol.name, result.n
         ('paper', 2)
     """
-    engine = as_engine() if engine is None else engine
+    engine, cells = as_engine() if engine is None else engine, tuple(cells)
     if engine.abridged is not None:
         raise InputError("an evaluation computes every step; give an engine with creep=None")
     hand = load_hand(proposal.hand.name) if hand is None and proposal.hand.mjcf is None else hand or proposal.hand
@@ -109,7 +109,7 @@ def evaluate(
         "versions": versions(),
     }
     rounds = [min(ROUND_PER_CELL, per_cell - start) for start in range(0, per_cell, ROUND_PER_CELL)]
-    draws = [EvaluationRound(proposal, tuple(cells), n, seed, number) for number, n in enumerate(rounds)]
+    draws = [EvaluationRound(proposal, cells, n, seed, number) for number, n in enumerate(rounds)]
     with _open(out, identity, len(cells)) as (metadata, lost):
         kept = metadata["rounds"]
         if kept:
@@ -130,10 +130,8 @@ def evaluate(
             if number == 0:
                 metadata.setdefault("first_round_mean", _mean(grasps).tolist())
             if out is not None and _keeps_rows():
-                path = shard_path(Path(out), number)
-                digest = write_shard(path, to_columns(grasps, outcomes))
-                shards = {shard["file"]: shard for shard in metadata["shards"]}
-                shards[path.name] = {"file": path.name, "sha256": digest, "rows": len(grasps)}
+                entry = write_round(Path(out), number, grasps, outcomes)
+                shards = {shard["file"]: shard for shard in metadata["shards"]} | {entry["file"]: entry}
                 metadata["shards"] = list(shards.values())
             kept[number : number + 1] = [{"counts": _count(len(cells), rounds[number], grasps, outcomes)}]
             if out is not None:
@@ -195,13 +193,12 @@ def _open(out: Path | None, identity: dict[str, Any], n_cells: int) -> Iterator[
             shapes = {np.array(kept["counts"], dtype=np.int64).shape for kept in metadata["rounds"]}
             if shapes - {(n_cells, len(VERDICTS) + 1)}:
                 raise ValueError("a round has counts of another shape")
-            sums = {shard["file"]: shard["sha256"] for shard in metadata["shards"]}
+            shards = {shard["file"]: {"file": shard["file"], "sha256": shard["sha256"]} for shard in metadata["shards"]}
         except (KeyError, TypeError, ValueError) as error:
             raise FileFormatError(f"{folder / METADATA_FILE} is not readable evaluation metadata: {error}") from error
         # Rounds done where pyarrow was not installed have no shard to lose, and without it none can be written.
-        paths = [shard_path(folder, number) for number in range(len(metadata["rounds"]) if _keeps_rows() else 0)]
-        lost = [n for n, path in enumerate(paths) if path.name in sums and not is_intact(path, sums[path.name])]
-        yield metadata, lost
+        names = [shard_path(folder, number).name for number in range(len(metadata["rounds"]) if _keeps_rows() else 0)]
+        yield metadata, [n for n, name in enumerate(names) if name in shards and not is_intact(folder, shards[name])]
 
 
 def _keeps_rows() -> bool:

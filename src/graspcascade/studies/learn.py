@@ -23,6 +23,7 @@ from ..hands import Hand
 from ..nets import EpochRecord, HeadSpec, NumpyDecoder, TrainingSpec, VaeSpec
 from ..proposals.cascade.encoding import (
     Request,
+    check_known,
     condition_matrix,
     encode_posture,
     encode_request,
@@ -188,8 +189,10 @@ def prepare(hand: Hand, dataset: Dataset, factorization: Factorization, config: 
     """Encode the successes of a dataset for training.
 
     Raises:
-        InputError: fewer than 100 successes.
+        InputError: fewer than 100 successes, or a task that the factorization cannot learn (see `check_known`).
     """
+    for task in dataset.grasps.tasks.distinct:
+        check_known(task, factorization.object_code, factorization.name)
     held = dataset.outcomes.held
     rows = dataset.outcomes.faithful(dataset.grasps) if config.learn_from == "faithful" else held
     if rows.sum() < 100:
@@ -291,7 +294,8 @@ def fit_cascade(
             The weights are the same bit by bit.
 
     Raises:
-        InputError: the dataset is of another hand or holds too few successes, or `workers` is negative.
+        InputError: the dataset is of another hand, holds too few successes or objects that the factorization cannot
+            tell apart, or `workers` is negative.
         FloatingPointError: a stage's loss stopped being finite.
     """
     config = config or CascadeTraining()

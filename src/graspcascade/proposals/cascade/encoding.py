@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import get_args
@@ -37,18 +38,25 @@ def known_object(obj: GraspObject) -> GraspObject | None:
 
 
 def check_known(task: Task, code: ObjectCode, model: str) -> None:
-    """Check that a model can be asked for a task's object.
+    """Check that a model can learn or be asked for a task.
 
     Raises:
-        InputError: the model knows objects by name and not this one; the message names the nearest.
+        InputError: the site is no side of the object, or the model knows objects by name and not this one; the message
+            names the sides, or the nearest object.
     """
-    if code == "label" and known_object(task.object) is None:
-        shape, size = task.object.shape, np.array(task.object.extents_m)
+    obj, site = task.object, task.site
+    if not math.isclose(obj.sides_m.get(site.name, math.nan), site.width_m, rel_tol=1e-6):
+        raise InputError(
+            f"model {model!r} holds objects by their sides, not by {site.name}, {site.width_m * 100:g} cm wide; sides "
+            f"of {obj.name}: {obj.describe_sides()}. The heuristic takes any site (--model heuristic, or screened)."
+        )
+    if code == "label" and known_object(obj) is None:
+        shape, size = obj.shape, np.array(obj.extents_m)
         alike = [other for other in CATALOGUE.values() if other.shape.kind == shape.kind]
         nearest = min(alike, key=lambda other: float(np.abs(np.array(other.extents_m) - size).sum()))
         raise InputError(
-            f"model {model!r} knows nine objects by name and not {task.object.name}; the nearest of these is "
-            f"{nearest.name}. The heuristic takes any size (--model heuristic, or screened)."
+            f"model {model!r} knows nine objects by name and not {obj.name}; the nearest of these is {nearest.name}. "
+            "The heuristic takes any size (--model heuristic, or screened), and so does a model3_any_size once trained."
         )
 
 
