@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
@@ -59,7 +58,7 @@ def evaluate(
     Args:
         proposal: draws the grasps.
         per_cell: trials for each object and type.
-        seed: seed of every draw.
+        seed: of every draw.
         protocol: what is done and what counts.
         hand: the hand to execute with; by default the proposal's.
         engine: what tries them; by default MuJoCo on all processors.
@@ -112,10 +111,15 @@ def evaluate(
     draws = [EvaluationRound(proposal, cells, n, seed, number) for number, n in enumerate(rounds)]
     with _open(out, identity, len(cells)) as (metadata, lost):
         kept = metadata["rounds"]
-        if kept:
-            _check_source(metadata, draws[0](), out)
-        there = sum(n for number, n in enumerate(rounds[: len(kept)]) if number not in lost)
-        done = there * len(cells)
+        # Names do not tell a model from a retrained one; the first round, drawn again, does.
+        if kept and not np.allclose(
+            metadata["first_round_mean"], _mean(draws[0]()), rtol=0.0, atol=_SAME_SOURCE_TOLERANCE
+        ):
+            raise InputError(
+                f"{out} holds rounds of another model under the same name; "
+                "give that model to go on with it, or another folder"
+            )
+        done = sum(n for number, n in enumerate(rounds[: len(kept)]) if number not in lost) * len(cells)
 
         def tell(decided: int) -> None:
             nonlocal done
@@ -128,7 +132,7 @@ def evaluate(
             grasps = draws[number]()
             outcomes = try_round(grasps, draws[number], hand, protocol, engine, workers=workers, progress=tell)
             if number == 0:
-                metadata.setdefault("first_round_mean", _mean(grasps).tolist())
+                metadata.setdefault("first_round_mean", _mean(grasps))
             if out is not None and _keeps_rows():
                 entry = write_round(Path(out), number, grasps, outcomes)
                 shards = {shard["file"]: shard for shard in metadata["shards"]} | {entry["file"]: entry}
@@ -187,8 +191,7 @@ def _open(out: Path | None, identity: dict[str, Any], n_cells: int) -> Iterator[
     if out is None:
         yield empty, []
         return
-    folder = Path(out)
-    with open_folder(folder, "evaluation", identity, empty) as metadata:
+    with open_folder(folder := Path(out), "evaluation", identity, empty) as metadata:
         try:
             shapes = {np.array(kept["counts"], dtype=np.int64).shape for kept in metadata["rounds"]}
             if shapes - {(n_cells, len(VERDICTS) + 1)}:
@@ -205,19 +208,9 @@ def _keeps_rows() -> bool:
     return find_spec("pyarrow") is not None
 
 
-def _check_source(metadata: dict[str, Any], first_round: Grasps, out: Path | None) -> None:
-    """Check that the first round, drawn again, is what was tried: names do not tell a model from a retrained one."""
-    if not np.allclose(metadata["first_round_mean"], _mean(first_round), rtol=0.0, atol=_SAME_SOURCE_TOLERANCE):
-        raise InputError(
-            f"{out} holds rounds of another model under the same name; "
-            "give that model to go on with it, or another folder"
-        )
-
-
-def _mean(grasps: Grasps) -> NDArray[np.float64]:
+def _mean(grasps: Grasps) -> list[float]:
     pose = grasps.X_hand_object
-    columns = np.concatenate([grasps.posture, pose.position_m, pose.quat_wxyz], axis=1)
-    return np.asarray(columns.mean(axis=0), dtype=np.float64)
+    return [float(v) for v in np.concatenate([grasps.posture, pose.position_m, pose.quat_wxyz], axis=1).mean(axis=0)]
 
 
 def _plain(metadata: Mapping[str, Any]) -> dict[str, Any]:
@@ -231,5 +224,5 @@ def _plain(metadata: Mapping[str, Any]) -> dict[str, Any]:
 def _count(n_cells: int, per_cell: int, grasps: Grasps, outcomes: Outcomes) -> list[list[int]]:
     """Count each verdict, and the faithful, of every cell: ``(cells, verdicts + 1)``."""
     columns = [outcomes.verdict == verdict for verdict in VERDICTS] + [outcomes.faithful(grasps)]
-    counts = np.stack([column.reshape(n_cells, per_cell).sum(axis=1) for column in columns], axis=1)
-    return [[int(count) for count in row] for row in counts]
+    counts: list[list[int]] = np.array(columns).reshape(len(columns), n_cells, per_cell).sum(axis=2).T.tolist()
+    return counts

@@ -134,6 +134,10 @@ class CascadeTraining:
 
     Raises:
         InputError: an unknown name or a value out of range.
+
+    Example:
+        >>> CascadeTraining(learn_from="held", training=TrainingSpec(epochs=5)).most_repeats
+        20
     """
 
     learn_from: LearnFrom = "faithful"
@@ -268,8 +272,9 @@ class FittedCascade:
             for name, records in self.history.items()
         }
         named = {"factorization": self.sampler.factorization.name, "seed": about["config"]["training"]["seed"]}
-        kept = {key: about[key] for key in ("learned_from", "dataset", "config", "versions")}
-        return {**named, **kept, "stages": stages}
+        return (
+            named | {key: about[key] for key in ("learned_from", "dataset", "config", "versions")} | {"stages": stages}
+        )
 
 
 def fit_cascade(
@@ -346,15 +351,11 @@ class StageJob:
         """Collect what a stage takes."""
         condition = condition_matrix(stage, data.quantities)
         target = np.concatenate([data.targets[name] for name in stage.targets], axis=1).astype(np.float32)
-        has_posture = stage.targets[0] == "posture"
-        return cls(
-            stage.name,
-            vae_spec(stage, data.targets["posture"].shape[1], condition.shape[1], config.position_weight),
-            replace(config.training, metric_weight=1.0 / config.fingertip_error_m**2 if has_posture else 0.0),
-            target,
-            condition,
-            data.metric if has_posture else None,
-        )
+        spec = vae_spec(stage, data.targets["posture"].shape[1], condition.shape[1], config.position_weight)
+        if stage.targets[0] != "posture":
+            return cls(stage.name, spec, replace(config.training, metric_weight=0.0), target, condition, None)
+        training = replace(config.training, metric_weight=1.0 / config.fingertip_error_m**2)
+        return cls(stage.name, spec, training, target, condition, data.metric)
 
     @property
     def cost(self) -> tuple[bool, int]:

@@ -25,6 +25,11 @@ class Tally:
 
     Raises:
         ValueError: other verdicts than `outcomes.VERDICTS`, a negative count, or more faithful than held trials.
+
+    Example:
+        >>> tally = Tally(dict.fromkeys(VERDICTS, 0) | {"held": 18, "dropped": 2}, faithful=9)
+        >>> tally.n, tally.held_rate.rate, tally.faithful_of_held.rate
+        (20, 0.9, 0.5)
     """
 
     verdicts: Mapping[str, int]
@@ -200,8 +205,7 @@ class Evaluation:
             raise FileFormatError("the evaluation needs distinct cells of per_cell trials each")
         # Earlier versions wrote the same numbers of the protocol as one flat record.
         given = {**data, "protocol_parameters": evaluation.protocol.to_json()}
-        differing = [key for key, value in evaluation.to_json().items() if not _same(value, given.get(key))]
-        if differing:
+        if differing := [key for key, value in evaluation.to_json().items() if not _same(value, given.get(key))]:
             raise FileFormatError(f"the evaluation contradicts itself in {', '.join(differing)}")
         return evaluation
 
@@ -233,14 +237,11 @@ def pool(evaluations: Sequence[Evaluation]) -> Evaluation:
     """
     if not evaluations or any(one.conditions != evaluations[0].conditions for one in evaluations):
         raise ValueError("only evaluations under the same conditions can be counted together")
-    cells = [{(cell.object_label, cell.grasp_type): cell for cell in one.cells} for one in evaluations]
-    counted = []
-    for place in cells[0]:
-        tally = _sum(one[place] for one in cells)
-        counted.append(Cell(tally.verdicts, tally.faithful, place[1], place[0]))
+    cells = [{(cell.grasp_type, cell.object_label): cell for cell in one.cells} for one in evaluations]
+    tallies = {place: _sum(one[place] for one in cells) for place in cells[0]}
     return replace(
         evaluations[0],
-        cells=tuple(counted),
+        cells=tuple(Cell(tally.verdicts, tally.faithful, *place) for place, tally in tallies.items()),
         per_cell=sum(one.per_cell for one in evaluations),
         versions=_agreed([one.versions for one in evaluations]),
         model_metadata=_agreed([one.model_metadata for one in evaluations]),

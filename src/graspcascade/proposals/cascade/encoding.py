@@ -76,11 +76,6 @@ def shared_quantities(request: Request) -> set[Quantity]:
     return {name for name in get_args(Quantity) if same.get(name, False)}
 
 
-def target_dim(target: Target, n_joints: int) -> int:
-    """Count a target's columns."""
-    return {"posture": n_joints, "position": 3, "rotation": 4}[target]
-
-
 def encode_request(request: Request, code: ObjectCode) -> dict[Quantity, Array]:
     """Encode what is asked for as columns by quantity.
 
@@ -168,12 +163,9 @@ def vae_spec(stage: Stage, n_joints: int, condition_dim: int, position_weight: f
 
 def split_targets(stage: Stage, values: Array, n_joints: int) -> dict[Target, Array]:
     """Divide a stage's output columns into its targets."""
-    parts, start = {}, 0
-    for target in stage.targets:
-        end = start + target_dim(target, n_joints)
-        parts[target] = values[:, start:end]
-        start = end
-    return parts
+    widths = {"posture": n_joints, "position": 3, "rotation": 4}
+    ends = np.cumsum([widths[target] for target in stage.targets])
+    return dict(zip(stage.targets, np.split(values, ends[:-1], axis=1), strict=True))
 
 
 # Poses
@@ -192,20 +184,16 @@ def learning_frame(thumb: Array, other: Array, frame: Frame) -> Pose:
     """
     if frame == "hand":
         return Pose(np.zeros_like(thumb), np.tile([1.0, 0.0, 0.0, 0.0], (len(thumb), 1)))
-    return Pose((thumb + other) / 2, _frame_quat(other - thumb))
+    x = (other - thumb) / np.linalg.norm(other - thumb, axis=-1, keepdims=True)
+    lateral = np.array([1.0, 0.0, 0.0])
+    y = lateral - (x * lateral).sum(axis=-1, keepdims=True) * x
+    y /= np.linalg.norm(y, axis=-1, keepdims=True)
+    return Pose((thumb + other) / 2, matrix_to_quat(np.stack([x, y, np.cross(x, y)], axis=-1)))
 
 
 def in_hand(pose: Pose, thumb: Array, other: Array, frame: Frame) -> Pose:
     """Bring poses from the learning frame into the hand frame (see `learning_frame`)."""
     return pose if frame == "hand" else learning_frame(thumb, other, frame) @ pose
-
-
-def _frame_quat(x_axis: Array) -> Array:
-    x = x_axis / np.linalg.norm(x_axis, axis=-1, keepdims=True)
-    lateral = np.array([1.0, 0.0, 0.0])
-    y = lateral - (x * lateral).sum(axis=-1, keepdims=True) * x
-    y /= np.linalg.norm(y, axis=-1, keepdims=True)
-    return matrix_to_quat(np.stack([x, y, np.cross(x, y)], axis=-1))
 
 
 _CYCLE = np.array([0.5, 0.5, 0.5, 0.5])  # takes x to y, y to z, z to x
@@ -223,11 +211,8 @@ def fold_rotations(quat_wxyz: Array, tasks: Tasks, frame: Frame) -> Array:
     """
     folded = np.empty_like(quat_wxyz)
     for (shape, axis), rows in tasks.groups(lambda task: (task.object.shape, task.site.name)):
-        folded[rows] = shape.fold(quat_wxyz[rows], _reference(axis, frame))
+        to_x = _SIDE_TO_X[axis]
+        # The opposing places of a Shadow Hand are roughly above one another along the fingers (hand z).
+        reference = to_x if frame == "opposition" else quat_multiply(_SIDE_TO_X["y"], to_x)
+        folded[rows] = shape.fold(quat_wxyz[rows], reference)
     return folded
-
-
-def _reference(axis: str, frame: Frame) -> Array:
-    to_x = _SIDE_TO_X[axis]
-    # The opposing places of a Shadow Hand are roughly above one another along the fingers (hand z).
-    return to_x if frame == "opposition" else quat_multiply(_CYCLE * [1, -1, -1, -1], to_x)
