@@ -174,8 +174,7 @@ def open_folder(
         is_new = not path.exists()
         if not is_new:
             metadata = read_metadata(folder)
-            differing = [key for key, value in identity.items() if metadata.get(key) != value]
-            if differing:
+            if differing := [key for key, value in identity.items() if metadata.get(key) != value]:
                 raise InputError(
                     f"{folder} holds rounds with another {', '.join(differing)}; "
                     "give the same arguments to go on with it, or another folder"
@@ -203,14 +202,12 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     path = folder / METADATA_FILE
     if not path.is_file():
         raise FileFormatError(f"{folder} is not a graspcascade dataset: it has no {METADATA_FILE}")
-    metadata = read_json(path)
-    if not isinstance(metadata, dict) or "schema_version" not in metadata:
-        raise FileFormatError(f"{path} is not readable dataset metadata: it lacks a schema version")
-    version = metadata["schema_version"]
-    if version != SCHEMA_VERSION:
+    read = read_json(path)
+    metadata: dict[str, Any] = read if isinstance(read, dict) else {}
+    if (version := metadata.get("schema_version", SCHEMA_VERSION)) != SCHEMA_VERSION:
         raise FileFormatError(f"{path} has schema version {version}; this version reads {SCHEMA_VERSION}")
-    missing = [key for key in ("joint_names", "pregrasp_rad", "shards") if key not in metadata]
-    if missing:
+    keys = ("schema_version", "joint_names", "pregrasp_rad", "shards")
+    if missing := [key for key in keys if key not in metadata]:
         raise FileFormatError(f"{path} is not readable dataset metadata: it lacks {', '.join(missing)}")
     return metadata
 
