@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from graspcascade.core.errors import FileFormatError, InputError
 from graspcascade.core.grasps import Grasps
-from graspcascade.core.objects import AXES, CATALOGUE, Cylinder, GraspObject, as_object
+from graspcascade.core.objects import AXES, CATALOGUE, Cylinder, GraspObject, Site, as_object
 from graspcascade.core.outcomes import Outcomes
 from graspcascade.core.poses import Pose, canonical_quat, quat_conjugate, quat_multiply, rotate, rotation_angle
 from graspcascade.core.protocols import PAPER
@@ -352,6 +352,25 @@ def test_the_same_seed_samples_the_same_grasps(fitted: FittedCascade) -> None:
     assert not np.array_equal(one.posture, other.posture)
 
 
+def test_a_sample_is_the_repeated_task_proposed() -> None:
+    sampler, task = GraspSampler.pretrained(), Task.of("tripod", "box_medium", "x")
+    sampled = sampler.sample("tripod", "box_medium", "x", n=9, seed=4)
+    proposed = sampler.propose(Tasks.repeat(task, 9), np.random.default_rng(4))
+    assert sampled.tasks.same_as(proposed.tasks)
+    for name, column in sampled.columns().items():
+        np.testing.assert_array_equal(column, proposed.columns()[name], err_msg=name)
+
+
+def test_weights_without_an_object_code_tell_objects_by_name(fitted: FittedCascade, tmp_path: Path) -> None:
+    fitted.save(tmp_path)
+    stored = load_decoders(tmp_path / "cascade.safetensors")
+    older = {key: value for key, value in stored.metadata["factorization"].items() if key != "object_code"}
+    save_decoders(tmp_path / "cascade.safetensors", stored.decoders, dict(stored.metadata) | {"factorization": older})
+    loaded = GraspSampler.load(tmp_path)
+    assert loaded.factorization == fitted.sampler.factorization
+    assert loaded.factorization.object_code == "label"
+
+
 def test_samples_are_valid_grasps(fitted: FittedCascade) -> None:
     grasps = fitted.sampler.sample("lateral_tripod", "cylinder_small", n=50)
     assert (grasps.posture >= HAND.lower_rad - 1e-12).all()
@@ -588,6 +607,30 @@ def test_a_side_beyond_reach_is_refused_in_one_line(fitted: FittedCascade) -> No
     tasks = Tasks.of([Task.of("tripod", "box_large", "z")])
     with pytest.raises(InputError, match=r"side z of box_large is 7 cm, beyond .* x = 4 cm, y = 5\.5 cm\.$"):
         fitted.sampler.propose(tasks, np.random.default_rng(0))
+
+
+SITES_THAT_ARE_NO_SIDES = [
+    Site((0.6, 0.8, 0.0), 0.03),
+    Site((1.0, 0.0, 0.0), 0.03, (0.0, 0.02, 0.0)),
+    Site((1.0, 0.0, 0.0), 0.02),
+]
+
+
+@pytest.mark.parametrize("site", SITES_THAT_ARE_NO_SIDES, ids=["oblique", "off centre", "of another width"])
+def test_a_site_that_is_no_side_is_refused_in_one_line(any_size: FittedCascade, site: Site) -> None:
+    tasks = Tasks.of([Task(GRASP_TYPES["tripod"], CATALOGUE["box_medium"], site)])
+    for sampler in (GraspSampler.pretrained(), any_size.sampler):
+        with pytest.raises(InputError) as caught:
+            sampler.propose(tasks, np.random.default_rng(0))
+        said = str(caught.value)
+        assert "sides of box_medium: x = 3 cm, y = 4.5 cm, z = 6 cm. The heuristic takes any site" in said
+        assert len(said.splitlines()) == 1
+
+
+def test_objects_that_a_factorization_cannot_tell_apart_are_not_learned() -> None:
+    dataset = pretend_all_held(drawn_candidates(120, objects=[as_object("sphere:33mm")]))
+    with pytest.raises(InputError, match=r"'model3' knows nine objects by name and not sphere:33mm; .* sphere_small"):
+        fit_cascade(HAND, dataset, FACTORIZATIONS["model3"], TINY, workers=1)
 
 
 @pytest.fixture(scope="module")

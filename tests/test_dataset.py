@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -180,13 +181,13 @@ def test_a_loaded_dataset_equals_what_was_collected(
     heuristic: Heuristic, short: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written: list[tuple[Grasps, Outcomes]] = []
-    to_columns = module.to_columns
+    write_round = module.write_round
 
-    def keep(grasps: Grasps, outcomes: Outcomes) -> Any:
+    def keep(folder: Path, number: int, grasps: Grasps, outcomes: Outcomes) -> Any:
         written.append((grasps, outcomes))
-        return to_columns(grasps, outcomes)
+        return write_round(folder, number, grasps, outcomes)
 
-    monkeypatch.setattr(module, "to_columns", keep)
+    monkeypatch.setattr(module, "write_round", keep)
     collect(heuristic, SPEC, tmp_path / "data", protocol=short)
     dataset = load_dataset(tmp_path / "data")
     assert dataset.grasps.joint_names == heuristic.hand.joint_names
@@ -244,7 +245,7 @@ def test_a_collection_cut_off_between_rounds_goes_on_as_if_nothing_had_happened(
     assert contents(tmp_path / "data") == contents(collection)
 
 
-@pytest.mark.parametrize("step", ["try_round", "write_shard", "write_metadata"])
+@pytest.mark.parametrize("step", ["try_round", "write_round", "write_metadata"])
 def test_a_collection_cut_off_within_a_round_goes_on_as_if_nothing_had_happened(
     collection: Path,
     heuristic: Heuristic,
@@ -415,6 +416,31 @@ def test_objects_are_those_that_the_dataset_describes(copy: Path) -> None:
         load_dataset(copy)
 
 
+def test_extents_of_the_dataset_win_over_those_of_the_catalogue(
+    heuristic: Heuristic, short: Protocol, tmp_path: Path
+) -> None:
+    other = GraspObject("box_medium", Box(0.021, 0.033, 0.05))
+    collect(heuristic, SPEC, tmp_path, protocol=short, cells=((other, GRASP_TYPES["tripod"]),))
+    tasks = load_dataset(tmp_path).grasps.tasks
+    assert tasks.objects == {"box_medium": other}
+    assert set(tasks.side_m) <= set(other.sides_m.values())
+
+
+def test_a_dataset_of_a_hand_with_four_digits_has_their_touch_columns(
+    cut_hands: Mapping[int, Hand], prior: PosturePrior, short: Protocol, tmp_path: Path
+) -> None:
+    collect(Heuristic(cut_hands[4], prior), SPEC, tmp_path, protocol=short, cells=FEW_CELLS[:1])
+    digits = ("thumb", "index", "middle", "ring")
+    assert tuple(metadata_of(tmp_path)["digits"]) == digits
+    names = pq.read_schema(tmp_path / SHARDS[0]).names
+    for when in ("closed", "end"):
+        touch = [name for name in names if name.startswith(f"touch_{when}_")]
+        assert touch == [f"touch_{when}_{place}" for place in (*digits, "palm")]
+    outcomes = load_dataset(tmp_path).outcomes
+    assert outcomes.touch_columns == (*digits, "palm")
+    assert outcomes.touching_closed.shape == (len(outcomes), 5)
+
+
 def test_a_dataset_may_be_of_objects_that_the_catalogue_lacks(
     heuristic: Heuristic, short: Protocol, tmp_path: Path
 ) -> None:
@@ -428,6 +454,9 @@ def test_a_dataset_may_be_of_objects_that_the_catalogue_lacks(
     assert [cell["trials"] for cell in metadata["counts"]["cells"]] == [6, 6]
     with pytest.raises(InputError, match="rounds with another objects, cells"):
         collect(heuristic, SPEC, tmp_path, protocol=short, cells=cells[:1])
+    del metadata["objects"]["sphere:31mm"]  # whose name says its size
+    write_metadata(tmp_path, metadata)
+    assert load_dataset(tmp_path).grasps.tasks.same_as(grasps.tasks)
     del metadata["objects"]["brick"]
     write_metadata(tmp_path, metadata)
     with pytest.raises(FileFormatError, match="unknown object 'brick'"):
@@ -485,6 +514,18 @@ def test_a_cell_that_cannot_touch_is_given_up_by_its_name(hand: Hand, prior: Pos
     spec = CollectionSpec(trials_per_cell=1, round_per_cell=1)
     with pytest.raises(InputError, match=r"only 0 of 1000 tripod candidates for box_small .* give a prior"):
         module.draw_round(open_hand, range(2), 0, spec, FEW_CELLS)
+
+
+def test_refused_cells_do_not_bind_the_folder(heuristic: Heuristic, short: Protocol, tmp_path: Path) -> None:
+    wide = ((as_object("sphere:80mm"), GRASP_TYPES["tripod"]),)
+    with pytest.raises(InputError, match="no side of sphere:80mm"):
+        collect(heuristic, SPEC, tmp_path, protocol=short, cells=wide)
+    assert not list(tmp_path.iterdir())
+    assert collect(heuristic, SPEC, tmp_path, protocol=short, cells=FEW_CELLS[:1]).rounds == 2
+    before = contents(tmp_path)
+    with pytest.raises(InputError, match="rounds with another"):
+        collect(heuristic, SPEC, tmp_path, protocol=short, cells=wide)
+    assert contents(tmp_path) == before
 
 
 def test_a_folder_that_holds_something_else_is_refused(heuristic: Heuristic, short: Protocol, tmp_path: Path) -> None:

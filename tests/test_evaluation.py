@@ -459,6 +459,18 @@ def test_a_screened_heuristic_is_evaluated_on_objects_of_ones_own(
     assert not cannot_touch(HAND, rows.grasps).any()
 
 
+def test_refused_cells_do_not_bind_the_folder(tmp_path: Path, no_physics: list[int]) -> None:
+    asked: dict[str, Any] = {"per_cell": 2, "seed": 0, "out": tmp_path}
+    with pytest.raises(InputError, match="knows nine objects by name and not box:32x41x60mm"):
+        evaluate(GraspSampler.pretrained(), **asked, cells=OWN_CELLS)
+    assert not list(tmp_path.iterdir())
+    evaluate(GraspSampler.pretrained(), **asked, cells=TWO_CELLS)
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(InputError, match="rounds with another"):
+        evaluate(GraspSampler.pretrained(), **asked, cells=OWN_CELLS)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
+
+
 def test_a_round_that_was_sent_elsewhere_draws_the_same(prior: PosturePrior) -> None:
     heuristic = Heuristic(HAND, prior, most_draws=20)
     evaluation_round = EvaluationRound(heuristic, OWN_CELLS, 5, 0, 1)
@@ -483,17 +495,35 @@ def test_a_negative_number_of_workers_is_refused(no_physics: list[int]) -> None:
 # --- records
 
 
-RECORDS = sorted((Path(__file__).parents[1] / "docs/results/paper").glob("*.json"))
+RECORDS = [
+    path
+    for path in sorted((Path(__file__).parents[1] / "docs/results/paper").glob("*.json"))
+    if json.loads(path.read_text()).get("kind") == "graspcascade evaluation"
+]
 
 
 @pytest.mark.parametrize("path", RECORDS, ids=lambda path: path.stem)
 def test_published_records_are_read(path: Path) -> None:
     data = json.loads(path.read_text())
-    if data.get("kind") != "graspcascade evaluation":
-        pytest.skip("not an evaluation")
     record = Evaluation.load(path)
-    assert record.n == data["n"]
     assert record.protocol.physics.friction == data["protocol_parameters"]["friction"]
+    said = json.loads(json.dumps(record.to_json()))
+    assert said.keys() == data.keys()
+    for name in said.keys() - {"protocol_parameters"}:  # which was one flat record
+        assert json_alike(said[name], data[name]), name
+
+
+def json_alike(one: Any, other: Any) -> bool:
+    """Compare parsed JSON, real numbers but for rounding."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(json_alike(one[key], other[key]) for key in one)
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(json_alike, one, other))
+    return bool(one == (pytest.approx(other, abs=1e-9) if isinstance(one, float) else other))
+
+
+def test_there_are_published_records() -> None:
+    assert len(RECORDS) > 10
 
 
 def test_an_evaluation_survives_its_file(tmp_path: Path) -> None:
@@ -507,7 +537,9 @@ def test_json_has_the_keys_of_the_command_line() -> None:
     result = evaluation()
     data = result.to_json()
     assert data["protocol"] == "paper"
-    assert data["protocol_parameters"]["physics"]["friction"] == 0.8
+    parameters = data["protocol_parameters"]
+    assert parameters["physics"]["friction"] == 0.8
+    assert [phase["phase"] for phase in parameters["phases"]] == ["close", "shake", "carry"]
     assert (data["model"], data["n"], data["seed"], data["per_cell"]) == ("heuristic", 54 * 20, 0, 20)
     assert data["held"] == {"rate": result.held.rate, "low": result.held.low, "high": result.held.high}
     assert data["faithful"].keys() == data["held"].keys()

@@ -144,6 +144,22 @@ def test_the_heuristic_is_screened_when_it_may_draw_again(hand: Hand, prior: Pos
         Heuristic(hand, prior, most_draws=0)
 
 
+@pytest.mark.parametrize("most_draws", [1, 50])
+def test_the_same_generator_proposes_the_same_grasps(hand: Hand, prior: PosturePrior, most_draws: int) -> None:
+    heuristic, wide = Heuristic(hand, prior, most_draws), as_object("box:20x41x160mm")
+    tasks = Tasks.of(Task.of(kind, obj, "x") for kind in GRASP_TYPES for obj in (wide, "cylinder:14x60mm", "box_large"))
+
+    def both(seed: int) -> list[Grasps]:
+        rng = np.random.default_rng(seed)
+        return [heuristic.propose(tasks, rng), heuristic.propose_any_side(wide, GRASP_TYPES["tripod"], 9, rng)]
+
+    for one, two, other in zip(both(3), both(3), both(4), strict=True):
+        assert one.tasks.same_as(two.tasks)
+        for name, column in one.columns().items():
+            np.testing.assert_array_equal(column, two.columns()[name], err_msg=name)
+        assert not np.array_equal(one.posture, other.posture)
+
+
 def test_screening_draws_again_only_where_the_digits_cannot_touch(hand: Hand, prior: PosturePrior) -> None:
     things = [*CATALOGUE.values(), as_object("cylinder:8x30mm"), as_object("box:60x60x9mm")]
     cells = [(obj, kind) for obj in things for kind in GRASP_TYPES.values()]

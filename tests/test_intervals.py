@@ -17,8 +17,8 @@ from graspcascade.core.intervals import newcombe, share, wilson, wilson_bounds
 )
 def test_wilson_gives_the_intervals_published_by_newcombe(successes: int, n: int, low: float, high: float) -> None:
     # DOI 10.1002/(SICI)1097-0258(19980430)17:8<857::AID-SIM777>3.0.CO;2-E, table I, method 3.
-    found = wilson(successes, n)
-    assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
+    interval = wilson(successes, n)
+    assert (interval.low, interval.high) == pytest.approx((low, high), abs=5e-5)
 
 
 @pytest.mark.parametrize(
@@ -36,8 +36,8 @@ def test_newcombe_gives_the_published_intervals(
     one: tuple[int, int], two: tuple[int, int], low: float, high: float
 ) -> None:
     # DOI 10.1002/(SICI)1097-0258(19980430)17:8<873::AID-SIM779>3.0.CO;2-I, table II, method 10.
-    found = newcombe(*one, *two)
-    assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
+    interval = newcombe(*one, *two)
+    assert (interval.low, interval.high) == pytest.approx((low, high), abs=5e-5)
 
 
 counts = st.integers(1, 30_000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
@@ -46,21 +46,21 @@ counts = st.integers(1, 30_000).flatmap(lambda n: st.tuples(st.integers(0, n), s
 @given(counts)
 def test_wilson_agrees_with_scipy(count: tuple[int, int]) -> None:
     theirs = binomtest(*count).proportion_ci(0.95, method="wilson")
-    found = wilson(*count)
-    assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
+    interval = wilson(*count)
+    assert (interval.low, interval.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
 
 
 @given(counts)
 def test_a_rate_lies_in_its_interval_and_the_interval_in_the_unit_interval(count: tuple[int, int]) -> None:
-    found = wilson(*count)
-    assert 0.0 <= found.low <= found.rate <= found.high <= 1.0
+    interval = wilson(*count)
+    assert 0.0 <= interval.low <= interval.rate <= interval.high <= 1.0
 
 
 @given(counts)
 def test_counting_failures_mirrors_the_interval(count: tuple[int, int]) -> None:
     successes, n = count
-    found, mirror = wilson(successes, n), wilson(n - successes, n)
-    assert (found.low, found.high) == pytest.approx((1 - mirror.high, 1 - mirror.low), abs=1e-12)
+    interval, mirror = wilson(successes, n), wilson(n - successes, n)
+    assert (interval.low, interval.high) == pytest.approx((1 - mirror.high, 1 - mirror.low), abs=1e-12)
 
 
 @given(counts, st.integers(2, 10))
@@ -71,16 +71,16 @@ def test_more_trials_at_the_same_rate_narrow_the_interval(count: tuple[int, int]
 
 @given(counts, counts)
 def test_a_difference_turns_its_sign_with_the_order(one: tuple[int, int], two: tuple[int, int]) -> None:
-    found, turned = newcombe(*one, *two), newcombe(*two, *one)
-    assert -1.0 - 1e-12 <= found.low <= found.difference <= found.high <= 1.0 + 1e-12
-    assert (found.low, found.high) == pytest.approx((-turned.high, -turned.low), abs=1e-12)
+    interval, turned = newcombe(*one, *two), newcombe(*two, *one)
+    assert -1.0 - 1e-12 <= interval.low <= interval.difference <= interval.high <= 1.0 + 1e-12
+    assert (interval.low, interval.high) == pytest.approx((-turned.high, -turned.low), abs=1e-12)
 
 
 def test_no_trials_tell_nothing() -> None:
-    found = wilson(0, 0)
-    assert math.isnan(found.rate)
-    assert (found.low, found.high) == (0.0, 1.0)
-    assert found.to_json()["rate"] is None
+    interval = wilson(0, 0)
+    assert math.isnan(interval.rate)
+    assert (interval.low, interval.high) == (0.0, 1.0)
+    assert interval.to_json()["rate"] is None
     assert math.isnan(newcombe(0, 0, 1, 2).difference)
 
 
@@ -91,10 +91,10 @@ def test_impossible_counts_are_refused(successes: int, n: int) -> None:
 
 
 @given(st.lists(counts | st.just((0, 0)), min_size=1, max_size=20))
-def test_bounds_of_many_rates_are_those_of_each(found: list[tuple[int, int]]) -> None:
-    successes, n = np.array(found).T
+def test_bounds_of_many_rates_are_those_of_each(tallies: list[tuple[int, int]]) -> None:
+    successes, n = np.array(tallies).T
     low, high = wilson_bounds(successes, n)
-    each = [wilson(*count) for count in found]
+    each = [wilson(*count) for count in tallies]
     np.testing.assert_array_equal(low, [interval.low for interval in each])
     np.testing.assert_array_equal(high, [interval.high for interval in each])
 
@@ -106,5 +106,5 @@ def test_one_impossible_count_among_many_is_refused() -> None:
 
 @given(st.lists(st.booleans(), max_size=30))
 def test_a_share_is_the_rate_of_set_flags(flags: list[bool]) -> None:
-    found = share(np.array(flags, dtype=bool))
-    assert repr(found) == repr(wilson(sum(flags), len(flags)))
+    interval = share(np.array(flags, dtype=bool))
+    assert repr(interval) == repr(wilson(sum(flags), len(flags)))

@@ -35,7 +35,7 @@ class Heuristic(Proposal):
     """Draw postures from the prior and place each object between the opposing contact places.
 
     Attributes:
-        hand: the hand.
+        hand: that the grasps are for.
         prior: what postures are drawn from.
         most_draws: how often a posture is drawn for a grasp whose opposing places are too far apart to touch the object
             (see `cannot_touch`). 1 is the paper's heuristic; above 1 this screens, as a collection does, but keeps the

@@ -20,7 +20,7 @@ from ..core.protocols import PAPER, Protocol
 from ..engines import Engine, as_engine
 from ..engines.mujoco.creep import FAST_FORWARD
 from ..proposals.heuristic import Heuristic, cannot_touch
-from .dataset import is_intact, open_folder, shard_path, to_columns, write_metadata, write_shard
+from .dataset import is_intact, open_folder, write_metadata, write_round
 from .rounds import CELLS, Pair, setting_of, try_round
 
 MOST_DRAWS_PER_TRIAL = 1000
@@ -35,6 +35,10 @@ class CollectionSpec:
 
     Raises:
         InputError: a number is negative, a round is empty or nothing is asked for.
+
+    Example:
+        >>> CollectionSpec(trials_per_cell=0, successes_per_cell=50, most_trials_per_cell=1000).round_per_cell
+        200
     """
 
     trials_per_cell: int = 1200
@@ -77,12 +81,11 @@ class CollectionState:
         """Count the shards that a collection's metadata lists, but for the lost ones, given by their numbers."""
         present = [shard for number, shard in enumerate(shards) if number not in lost]
 
-        def total(key: str) -> NDArray[np.int64]:
-            counts = np.array([shard[key] for shard in present], dtype=np.int64).reshape(-1, n_cells)
-            return np.asarray(counts.sum(axis=0))
-
-        files = tuple(str(shards[number]["file"]) for number in lost)
-        return cls(len(present), total("trials"), total("held"), total("faithful"), files)
+        trials, held, faithful = (
+            np.array([shard[key] for shard in present], dtype=np.int64).reshape(-1, n_cells).sum(axis=0)
+            for key in ("trials", "held", "faithful")
+        )
+        return cls(len(present), trials, held, faithful, tuple(str(shards[number]["file"]) for number in lost))
 
     def short(self, spec: CollectionSpec) -> NDArray[np.int64]:
         """List the indices of the cells that lack trials or successes."""
@@ -93,12 +96,9 @@ class CollectionState:
 
         None where such cells will be given up anyway.
         """
-        if spec.most_trials_per_cell:
-            return np.empty(0, dtype=np.int64)
-        cells = self.unfinished(spec)
-        trials, held = self.trials[cells], self.held[cells]
+        trials, held = self.trials, self.held
         rare = (held < spec.successes_per_cell) & (trials >= RARE_AFTER_TRIALS) & (held < RARE_RATE * trials)
-        return cells[rare]
+        return np.flatnonzero(rare & (spec.most_trials_per_cell == 0))
 
     def unfinished(self, spec: CollectionSpec) -> NDArray[np.int64]:
         """List the indices of the cells that still get trials: short of something, and not given up."""
@@ -159,7 +159,7 @@ def collect(
             before = {"rounds": len(shards), "collection": metadata["collection"]}
             metadata["asked_before"] = [*metadata.get("asked_before", []), before]
             metadata["collection"] = asdict(spec)
-        lost = [n for n, shard in enumerate(shards) if not is_intact(folder / shard["file"], shard["sha256"])]
+        lost = [number for number, shard in enumerate(shards) if not is_intact(folder, shard)]
         while True:
             state = CollectionState.of(shards, lost, len(cells))
             if progress is not None:
@@ -174,14 +174,12 @@ def collect(
             draw = CollectionRound(proposal, tuple(asked), number, spec, cells)
             grasps, n_skipped = draw.screened()
             outcomes = try_round(grasps, draw, hand, protocol, engine, workers=workers, progress=tick)
-            path = shard_path(folder, number)
-            digest = write_shard(path, to_columns(grasps, outcomes))
-            about = {"file": path.name, "sha256": digest, "rows": len(grasps), "screened_out": n_skipped}
-            shards[number : number + 1] = [about | _count(cells, grasps, outcomes)]
+            entry = write_round(folder, number, grasps, outcomes) | {"screened_out": n_skipped}
+            shards[number : number + 1] = [entry | _count(cells, grasps, outcomes)]
             del lost[:1]
             # Kept apart from what the same seed gives again.
             spent = {"seconds": round(time.perf_counter() - begun, 3), "peak_rss_mb": round(peak_rss_mb(), 1)}
-            metadata.setdefault("effort", {})[path.name] = spent
+            metadata.setdefault("effort", {})[entry["file"]] = spent
             metadata["counts"] = _totals(cells, shards)
             write_metadata(folder, metadata)
 
@@ -212,7 +210,7 @@ def draw_round(
 
     Args:
         proposal: where candidates come from.
-        asked: indices of the cells to draw for.
+        asked: indices of the `cells` to draw for.
         number: the round's.
         spec: rows of each cell, and the seed.
         cells: pairs of object and type.
@@ -256,12 +254,10 @@ def _count(cells: Sequence[Pair], grasps: Grasps, outcomes: Outcomes) -> dict[st
 
 def _totals(cells: Sequence[Pair], shards: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     state = CollectionState.of(shards, n_cells=len(cells))
-    counts = {"trials": state.trials, "held": state.held, "faithful": state.faithful}
-    return {
-        **{name: int(count.sum()) for name, count in counts.items()},
-        "screened_out": sum(shard["screened_out"] for shard in shards),
-        "cells": [
-            {"object": obj.name, "grasp_type": kind.name} | {name: int(n[place]) for name, n in counts.items()}
-            for place, (obj, kind) in enumerate(cells)
-        ],
-    }
+    counts = {name: getattr(state, name).tolist() for name in ("trials", "held", "faithful")}
+    by_cell = [
+        {"object": obj.name, "grasp_type": kind.name} | {name: counts[name][place] for name in counts}
+        for place, (obj, kind) in enumerate(cells)
+    ]
+    skipped = sum(shard["screened_out"] for shard in shards)
+    return {name: sum(counts[name]) for name in counts} | {"screened_out": skipped, "cells": by_cell}

@@ -170,10 +170,11 @@ def open_folder(
     """
     identity = {"schema_version": SCHEMA_VERSION} | dict(identity)
     with sole_writer(folder):
-        if (folder / METADATA_FILE).exists():
+        path = folder / METADATA_FILE
+        is_new = not path.exists()
+        if not is_new:
             metadata = read_metadata(folder)
-            differing = [key for key, value in identity.items() if metadata.get(key) != value]
-            if differing:
+            if differing := [key for key, value in identity.items() if metadata.get(key) != value]:
                 raise InputError(
                     f"{folder} holds rounds with another {', '.join(differing)}; "
                     "give the same arguments to go on with it, or another folder"
@@ -183,7 +184,13 @@ def open_folder(
         else:
             metadata = identity | dict(empty)
             write_metadata(folder, metadata)
-        yield metadata
+        try:
+            yield metadata
+        except InputError:
+            # What is refused before its first round must not bind the folder to the arguments that were wrong.
+            if is_new and not metadata["shards"] and not metadata.get("rounds"):
+                path.unlink(missing_ok=True)
+            raise
 
 
 def read_metadata(folder: Path) -> dict[str, Any]:
@@ -195,14 +202,12 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     path = folder / METADATA_FILE
     if not path.is_file():
         raise FileFormatError(f"{folder} is not a graspcascade dataset: it has no {METADATA_FILE}")
-    metadata = read_json(path)
-    if not isinstance(metadata, dict) or "schema_version" not in metadata:
-        raise FileFormatError(f"{path} is not readable dataset metadata: it lacks a schema version")
-    version = metadata["schema_version"]
-    if version != SCHEMA_VERSION:
+    read = read_json(path)
+    metadata: dict[str, Any] = read if isinstance(read, dict) else {}
+    if (version := metadata.get("schema_version", SCHEMA_VERSION)) != SCHEMA_VERSION:
         raise FileFormatError(f"{path} has schema version {version}; this version reads {SCHEMA_VERSION}")
-    missing = [key for key in ("joint_names", "pregrasp_rad", "shards") if key not in metadata]
-    if missing:
+    keys = ("schema_version", "joint_names", "pregrasp_rad", "shards")
+    if missing := [key for key in keys if key not in metadata]:
         raise FileFormatError(f"{path} is not readable dataset metadata: it lacks {', '.join(missing)}")
     return metadata
 
@@ -232,12 +237,16 @@ def write_shard(path: Path, columns: Columns) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def is_intact(path: Path, sha256: str) -> bool:
-    """Tell whether a shard is there with the content that its checksum is of."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest() == sha256
-    except FileNotFoundError:
-        return False
+def write_round(folder: Path, number: int, grasps: Grasps, outcomes: Outcomes) -> dict[str, Any]:
+    """Write the rows of a round as a shard, and return what the metadata lists of it: file, sha256 and rows."""
+    path = shard_path(folder, number)
+    return {"file": path.name, "sha256": write_shard(path, to_columns(grasps, outcomes)), "rows": len(grasps)}
+
+
+def is_intact(folder: Path, entry: Mapping[str, Any]) -> bool:
+    """Tell whether a shard that the metadata lists is there with the content that its checksum is of."""
+    path = folder / entry["file"]
+    return path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == str(entry["sha256"])
 
 
 def shards_digest(metadata: Mapping[str, Any]) -> str:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
@@ -23,7 +22,7 @@ from ..engines import Engine, as_engine
 from ..hands import Hand, load_hand
 from ..proposals import Proposal
 from ..proposals.cascade.sampler import EVALUATION_FILE
-from .dataset import METADATA_FILE, is_intact, open_folder, shard_path, to_columns, write_metadata, write_shard
+from .dataset import METADATA_FILE, is_intact, open_folder, shard_path, write_metadata, write_round
 from .record import Cell, Evaluation
 from .rounds import CELLS, Pair, setting_of, try_round
 
@@ -59,7 +58,7 @@ def evaluate(
     Args:
         proposal: draws the grasps.
         per_cell: trials for each object and type.
-        seed: seed of every draw.
+        seed: of every draw.
         protocol: what is done and what counts.
         hand: the hand to execute with; by default the proposal's.
         engine: what tries them; by default MuJoCo on all processors.
@@ -84,7 +83,7 @@ def evaluate(
         >>> result.protocol.name, result.n
         ('paper', 2)
     """
-    engine = as_engine() if engine is None else engine
+    engine, cells = as_engine() if engine is None else engine, tuple(cells)
     if engine.abridged is not None:
         raise InputError("an evaluation computes every step; give an engine with creep=None")
     hand = load_hand(proposal.hand.name) if hand is None and proposal.hand.mjcf is None else hand or proposal.hand
@@ -103,13 +102,18 @@ def evaluate(
         "versions": versions(),
     }
     rounds = [min(ROUND_PER_CELL, per_cell - start) for start in range(0, per_cell, ROUND_PER_CELL)]
-    draws = [EvaluationRound(proposal, tuple(cells), n, seed, number) for number, n in enumerate(rounds)]
+    draws = [EvaluationRound(proposal, cells, n, seed, number) for number, n in enumerate(rounds)]
     with _open(out, identity, len(cells)) as (metadata, lost):
         kept = metadata["rounds"]
-        if kept:
-            _check_source(metadata, draws[0](), out)
-        there = sum(n for number, n in enumerate(rounds[: len(kept)]) if number not in lost)
-        done = there * len(cells)
+        # Names do not tell a model from a retrained one; the first round, drawn again, does.
+        if kept and not np.allclose(
+            metadata["first_round_mean"], _mean(draws[0]()), rtol=0.0, atol=_SAME_SOURCE_TOLERANCE
+        ):
+            raise InputError(
+                f"{out} holds rounds of another model under the same name; "
+                "give that model to go on with it, or another folder"
+            )
+        done = sum(n for number, n in enumerate(rounds[: len(kept)]) if number not in lost) * len(cells)
 
         def tell(decided: int) -> None:
             nonlocal done
@@ -122,12 +126,10 @@ def evaluate(
             grasps = draws[number]()
             outcomes = try_round(grasps, draws[number], hand, protocol, engine, workers=workers, progress=tell)
             if number == 0:
-                metadata.setdefault("first_round_mean", _mean(grasps).tolist())
+                metadata.setdefault("first_round_mean", _mean(grasps))
             if out is not None and _keeps_rows():
-                path = shard_path(Path(out), number)
-                digest = write_shard(path, to_columns(grasps, outcomes))
-                shards = {shard["file"]: shard for shard in metadata["shards"]}
-                shards[path.name] = {"file": path.name, "sha256": digest, "rows": len(grasps)}
+                entry = write_round(Path(out), number, grasps, outcomes)
+                shards = {shard["file"]: shard for shard in metadata["shards"]} | {entry["file"]: entry}
                 metadata["shards"] = list(shards.values())
             kept[number : number + 1] = [{"counts": _count(len(cells), rounds[number], grasps, outcomes)}]
             if out is not None:
@@ -183,38 +185,26 @@ def _open(out: Path | None, identity: dict[str, Any], n_cells: int) -> Iterator[
     if out is None:
         yield empty, []
         return
-    folder = Path(out)
-    with open_folder(folder, "evaluation", identity, empty) as metadata:
+    with open_folder(folder := Path(out), "evaluation", identity, empty) as metadata:
         try:
             shapes = {np.array(kept["counts"], dtype=np.int64).shape for kept in metadata["rounds"]}
             if shapes - {(n_cells, len(VERDICTS) + 1)}:
                 raise ValueError("a round has counts of another shape")
-            sums = {shard["file"]: shard["sha256"] for shard in metadata["shards"]}
+            shards = {shard["file"]: {"file": shard["file"], "sha256": shard["sha256"]} for shard in metadata["shards"]}
         except (KeyError, TypeError, ValueError) as error:
             raise FileFormatError(f"{folder / METADATA_FILE} is not readable evaluation metadata: {error}") from error
         # Rounds done where pyarrow was not installed have no shard to lose, and without it none can be written.
-        paths = [shard_path(folder, number) for number in range(len(metadata["rounds"]) if _keeps_rows() else 0)]
-        lost = [n for n, path in enumerate(paths) if path.name in sums and not is_intact(path, sums[path.name])]
-        yield metadata, lost
+        names = [shard_path(folder, number).name for number in range(len(metadata["rounds"]) if _keeps_rows() else 0)]
+        yield metadata, [n for n, name in enumerate(names) if name in shards and not is_intact(folder, shards[name])]
 
 
 def _keeps_rows() -> bool:
     return find_spec("pyarrow") is not None
 
 
-def _check_source(metadata: dict[str, Any], first_round: Grasps, out: Path | None) -> None:
-    """Check that the first round, drawn again, is what was tried: names do not tell a model from a retrained one."""
-    if not np.allclose(metadata["first_round_mean"], _mean(first_round), rtol=0.0, atol=_SAME_SOURCE_TOLERANCE):
-        raise InputError(
-            f"{out} holds rounds of another model under the same name; "
-            "give that model to go on with it, or another folder"
-        )
-
-
-def _mean(grasps: Grasps) -> NDArray[np.float64]:
+def _mean(grasps: Grasps) -> list[float]:
     pose = grasps.X_hand_object
-    columns = np.concatenate([grasps.posture, pose.position_m, pose.quat_wxyz], axis=1)
-    return np.asarray(columns.mean(axis=0), dtype=np.float64)
+    return [float(v) for v in np.concatenate([grasps.posture, pose.position_m, pose.quat_wxyz], axis=1).mean(axis=0)]
 
 
 def _plain(metadata: Mapping[str, Any]) -> dict[str, Any]:
@@ -228,5 +218,5 @@ def _plain(metadata: Mapping[str, Any]) -> dict[str, Any]:
 def _count(n_cells: int, per_cell: int, grasps: Grasps, outcomes: Outcomes) -> list[list[int]]:
     """Count each verdict, and the faithful, of every cell: ``(cells, verdicts + 1)``."""
     columns = [outcomes.verdict == verdict for verdict in VERDICTS] + [outcomes.faithful(grasps)]
-    counts = np.stack([column.reshape(n_cells, per_cell).sum(axis=1) for column in columns], axis=1)
-    return [[int(count) for count in row] for row in counts]
+    counts: list[list[int]] = np.array(columns).reshape(len(columns), n_cells, per_cell).sum(axis=2).T.tolist()
+    return counts

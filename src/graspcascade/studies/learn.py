@@ -23,6 +23,7 @@ from ..hands import Hand
 from ..nets import EpochRecord, HeadSpec, NumpyDecoder, TrainingSpec, VaeSpec
 from ..proposals.cascade.encoding import (
     Request,
+    check_known,
     condition_matrix,
     encode_posture,
     encode_request,
@@ -133,6 +134,10 @@ class CascadeTraining:
 
     Raises:
         InputError: an unknown name or a value out of range.
+
+    Example:
+        >>> CascadeTraining(learn_from="held", training=TrainingSpec(epochs=5)).most_repeats
+        20
     """
 
     learn_from: LearnFrom = "faithful"
@@ -188,8 +193,10 @@ def prepare(hand: Hand, dataset: Dataset, factorization: Factorization, config: 
     """Encode the successes of a dataset for training.
 
     Raises:
-        InputError: fewer than 100 successes.
+        InputError: fewer than 100 successes, or a task that the factorization cannot learn (see `check_known`).
     """
+    for task in dataset.grasps.tasks.distinct:
+        check_known(task, factorization.object_code, factorization.name)
     held = dataset.outcomes.held
     rows = dataset.outcomes.faithful(dataset.grasps) if config.learn_from == "faithful" else held
     if rows.sum() < 100:
@@ -265,8 +272,9 @@ class FittedCascade:
             for name, records in self.history.items()
         }
         named = {"factorization": self.sampler.factorization.name, "seed": about["config"]["training"]["seed"]}
-        kept = {key: about[key] for key in ("learned_from", "dataset", "config", "versions")}
-        return {**named, **kept, "stages": stages}
+        return (
+            named | {key: about[key] for key in ("learned_from", "dataset", "config", "versions")} | {"stages": stages}
+        )
 
 
 def fit_cascade(
@@ -291,7 +299,8 @@ def fit_cascade(
             The weights are the same bit by bit.
 
     Raises:
-        InputError: the dataset is of another hand or holds too few successes, or `workers` is negative.
+        InputError: the dataset is of another hand, holds too few successes or objects that the factorization cannot
+            tell apart, or `workers` is negative.
         FloatingPointError: a stage's loss stopped being finite.
     """
     config = config or CascadeTraining()
@@ -342,15 +351,11 @@ class StageJob:
         """Collect what a stage takes."""
         condition = condition_matrix(stage, data.quantities)
         target = np.concatenate([data.targets[name] for name in stage.targets], axis=1).astype(np.float32)
-        has_posture = stage.targets[0] == "posture"
-        return cls(
-            stage.name,
-            vae_spec(stage, data.targets["posture"].shape[1], condition.shape[1], config.position_weight),
-            replace(config.training, metric_weight=1.0 / config.fingertip_error_m**2 if has_posture else 0.0),
-            target,
-            condition,
-            data.metric if has_posture else None,
-        )
+        spec = vae_spec(stage, data.targets["posture"].shape[1], condition.shape[1], config.position_weight)
+        if stage.targets[0] != "posture":
+            return cls(stage.name, spec, replace(config.training, metric_weight=0.0), target, condition, None)
+        training = replace(config.training, metric_weight=1.0 / config.fingertip_error_m**2)
+        return cls(stage.name, spec, training, target, condition, data.metric)
 
     @property
     def cost(self) -> tuple[bool, int]:

@@ -25,6 +25,11 @@ class Tally:
 
     Raises:
         ValueError: other verdicts than `outcomes.VERDICTS`, a negative count, or more faithful than held trials.
+
+    Example:
+        >>> tally = Tally(dict.fromkeys(VERDICTS, 0) | {"held": 18, "dropped": 2}, faithful=9)
+        >>> tally.n, tally.held_rate.rate, tally.faithful_of_held.rate
+        (20, 0.9, 0.5)
     """
 
     verdicts: Mapping[str, int]
@@ -181,28 +186,19 @@ class Evaluation:
         if data.get("schema_version") != SCHEMA_VERSION:
             raise FileFormatError(f"schema version {data.get('schema_version')}; this version reads {SCHEMA_VERSION}")
         try:
-            evaluation = cls(
-                protocol=Protocol.from_json(data["protocol_parameters"]),
-                model=str(data["model"]),
-                hand=str(data["hand"]),
-                cells=tuple(_cell(cell) for cell in data["cells"]),
-                seed=int(data["seed"]),
-                per_cell=int(data["per_cell"]),
-                versions=dict(data["versions"]),
-                model_metadata=dict(data["model_metadata"]),
-            )
+            kinds = {"model": str, "hand": str, "seed": int, "per_cell": int, "versions": dict, "model_metadata": dict}
+            protocol, cells = Protocol.from_json(data["protocol_parameters"]), tuple(map(_cell, data["cells"]))
+            evaluation = cls(protocol, cells=cells, **{name: kind(data[name]) for name, kind in kinds.items()})
         except KeyError as error:
             raise FileFormatError(f"the evaluation lacks {error.args[0]!r}") from error
         except (TypeError, ValueError) as error:
             raise FileFormatError(f"the evaluation is malformed: {error}") from error
-        cells = evaluation.cells
         places = {(cell.object_label, cell.grasp_type) for cell in cells}
         if not cells or len(places) < len(cells) or {cell.n for cell in cells} != {evaluation.per_cell}:
             raise FileFormatError("the evaluation needs distinct cells of per_cell trials each")
         # Earlier versions wrote the same numbers of the protocol as one flat record.
         given = {**data, "protocol_parameters": evaluation.protocol.to_json()}
-        differing = [key for key, value in evaluation.to_json().items() if not _same(value, given.get(key))]
-        if differing:
+        if differing := [key for key, value in evaluation.to_json().items() if not _same(value, given.get(key))]:
             raise FileFormatError(f"the evaluation contradicts itself in {', '.join(differing)}")
         return evaluation
 

@@ -92,7 +92,7 @@ def try_round(
     Args:
         grasps: the round as drawn in this process.
         draw: draws it again in others, which is less work than sending it there.
-        hand: the hand to execute with.
+        hand: to execute with.
         protocol: the trial.
         engine: what tries them; in several processes, each has one thread.
         workers: processes, 0 for as many as processors; 1 stays in this one.

@@ -35,6 +35,11 @@ class SeedSpec:
 
     Raises:
         InputError: a value out of range.
+
+    Example:
+        >>> from graspcascade import load_hand
+        >>> make_seeds(load_hand("shadow"), SeedSpec(per_type=1)).grasp_type.tolist()[:2]
+        ['tripod', 'palmar_pinch']
     """
 
     per_type: int = 200
@@ -92,25 +97,23 @@ def make_seeds(
         progress: called with 1 after each posture.
     """
     spec = spec or SeedSpec()
-    postures, labels = [], []
+    span = spec.aperture_max_m - spec.aperture_min_m
+    apertures = spec.aperture_min_m + span * np.linspace(0.0, 1.0, spec.per_type) ** spec.aperture_skew
+    postures = []
     for number, kind in enumerate(GRASP_TYPES.values()):
         rng = np.random.default_rng([spec.seed, number])
-        span = spec.aperture_max_m - spec.aperture_min_m
-        apertures = spec.aperture_min_m + span * np.linspace(0.0, 1.0, spec.per_type) ** spec.aperture_skew
-        for aperture in apertures:
-            postures.append(_solve(hand, kind, float(aperture), spec, rng))
-            labels.append(kind.name)
+        for aperture in apertures.tolist():
+            postures.append(_solve(hand, kind, aperture, spec, rng))
             if progress is not None:
                 progress(1)
-    return LabelledPostures(hand.joint_names, np.array(postures), np.array(labels))
+    return LabelledPostures(hand.joint_names, np.array(postures), np.repeat(list(GRASP_TYPES), spec.per_type))
 
 
 def _solve(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, rng: np.random.Generator) -> Array:
     human = human_statistics(kind.name, hand.joint_names)
-    wished = human.mean + spec.draw_spread * human.sd * rng.standard_normal(len(human.mean))
-    margin = 1e-4
-    lower, upper = hand.lower_rad + margin, hand.upper_rad - margin
-    wished = np.clip(wished, lower, upper)
+    lower, upper = hand.lower_rad + 1e-4, hand.upper_rad - 1e-4
+    drawn = human.mean + spec.draw_spread * human.sd * rng.standard_normal(len(human.mean))
+    wished = np.clip(drawn, lower, upper)
     spread = np.maximum(human.sd, np.radians(1.0))
 
     def residuals(postures: Array) -> Array:
@@ -124,9 +127,10 @@ def _solve(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, rng: 
         moved = residuals(posture + step * np.concatenate([np.zeros((1, len(posture))), np.eye(len(posture))]))
         return np.asarray((moved[1:] - moved[0]).T / step)
 
-    limits = (lower, upper)
-    solution = least_squares(lambda q: residuals(q[None])[0], wished, jac=jacobian, bounds=limits, max_nfev=60)
-    return np.asarray(solution.x)
+    bounds = (lower, upper)
+    return np.asarray(
+        least_squares(lambda q: residuals(q[None])[0], wished, jac=jacobian, bounds=bounds, max_nfev=60).x
+    )
 
 
 def _contact_residuals(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, postures: Array) -> Array:
@@ -168,8 +172,8 @@ class HumanStatistics:
 
 @lru_cache(maxsize=1)
 def _rows() -> Mapping[tuple[str, str], Mapping[str, str]]:
-    text = (files("graspcascade.studies") / "human_statistics.csv").read_text()
-    return {(row["grasp_type"], row["statistic"]): row for row in csv.DictReader(text.splitlines())}
+    lines = (files("graspcascade.studies") / "human_statistics.csv").read_text().splitlines()
+    return {(row["grasp_type"], row["statistic"]): row for row in csv.DictReader(lines)}
 
 
 def human_statistics(grasp_type: str, joint_names: tuple[str, ...]) -> HumanStatistics:

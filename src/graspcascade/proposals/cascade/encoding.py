@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import get_args
@@ -37,18 +38,25 @@ def known_object(obj: GraspObject) -> GraspObject | None:
 
 
 def check_known(task: Task, code: ObjectCode, model: str) -> None:
-    """Check that a model can be asked for a task's object.
+    """Check that a model can learn or be asked for a task.
 
     Raises:
-        InputError: the model knows objects by name and not this one; the message names the nearest.
+        InputError: the site is no side of the object, or the model knows objects by name and not this one; the message
+            names the sides, or the nearest object.
     """
-    if code == "label" and known_object(task.object) is None:
-        shape, size = task.object.shape, np.array(task.object.extents_m)
+    obj, site = task.object, task.site
+    if not math.isclose(obj.sides_m.get(site.name, math.nan), site.width_m, rel_tol=1e-6):
+        raise InputError(
+            f"model {model!r} holds objects by their sides, not by {site.name}, {site.width_m * 100:g} cm wide; sides "
+            f"of {obj.name}: {obj.describe_sides()}. The heuristic takes any site (--model heuristic, or screened)."
+        )
+    if code == "label" and known_object(obj) is None:
+        shape, size = obj.shape, np.array(obj.extents_m)
         alike = [other for other in CATALOGUE.values() if other.shape.kind == shape.kind]
         nearest = min(alike, key=lambda other: float(np.abs(np.array(other.extents_m) - size).sum()))
         raise InputError(
-            f"model {model!r} knows nine objects by name and not {task.object.name}; the nearest of these is "
-            f"{nearest.name}. The heuristic takes any size (--model heuristic, or screened)."
+            f"model {model!r} knows nine objects by name and not {obj.name}; the nearest of these is {nearest.name}. "
+            "The heuristic takes any size (--model heuristic, or screened), and so does a model3_any_size once trained."
         )
 
 
@@ -66,11 +74,6 @@ def shared_quantities(request: Request) -> set[Quantity]:
         and (request.object_size_m == request.object_size_m[:1]).all(),
     }
     return {name for name in get_args(Quantity) if same.get(name, False)}
-
-
-def target_dim(target: Target, n_joints: int) -> int:
-    """Count a target's columns."""
-    return {"posture": n_joints, "position": 3, "rotation": 4}[target]
 
 
 def encode_request(request: Request, code: ObjectCode) -> dict[Quantity, Array]:
@@ -160,12 +163,9 @@ def vae_spec(stage: Stage, n_joints: int, condition_dim: int, position_weight: f
 
 def split_targets(stage: Stage, values: Array, n_joints: int) -> dict[Target, Array]:
     """Divide a stage's output columns into its targets."""
-    parts, start = {}, 0
-    for target in stage.targets:
-        end = start + target_dim(target, n_joints)
-        parts[target] = values[:, start:end]
-        start = end
-    return parts
+    widths = {"posture": n_joints, "position": 3, "rotation": 4}
+    ends = np.cumsum([widths[target] for target in stage.targets])
+    return dict(zip(stage.targets, np.split(values, ends[:-1], axis=1), strict=True))
 
 
 # Poses
@@ -184,20 +184,16 @@ def learning_frame(thumb: Array, other: Array, frame: Frame) -> Pose:
     """
     if frame == "hand":
         return Pose(np.zeros_like(thumb), np.tile([1.0, 0.0, 0.0, 0.0], (len(thumb), 1)))
-    return Pose((thumb + other) / 2, _frame_quat(other - thumb))
+    x = (other - thumb) / np.linalg.norm(other - thumb, axis=-1, keepdims=True)
+    lateral = np.array([1.0, 0.0, 0.0])
+    y = lateral - (x * lateral).sum(axis=-1, keepdims=True) * x
+    y /= np.linalg.norm(y, axis=-1, keepdims=True)
+    return Pose((thumb + other) / 2, matrix_to_quat(np.stack([x, y, np.cross(x, y)], axis=-1)))
 
 
 def in_hand(pose: Pose, thumb: Array, other: Array, frame: Frame) -> Pose:
     """Bring poses from the learning frame into the hand frame (see `learning_frame`)."""
     return pose if frame == "hand" else learning_frame(thumb, other, frame) @ pose
-
-
-def _frame_quat(x_axis: Array) -> Array:
-    x = x_axis / np.linalg.norm(x_axis, axis=-1, keepdims=True)
-    lateral = np.array([1.0, 0.0, 0.0])
-    y = lateral - (x * lateral).sum(axis=-1, keepdims=True) * x
-    y /= np.linalg.norm(y, axis=-1, keepdims=True)
-    return matrix_to_quat(np.stack([x, y, np.cross(x, y)], axis=-1))
 
 
 _CYCLE = np.array([0.5, 0.5, 0.5, 0.5])  # takes x to y, y to z, z to x
@@ -215,11 +211,8 @@ def fold_rotations(quat_wxyz: Array, tasks: Tasks, frame: Frame) -> Array:
     """
     folded = np.empty_like(quat_wxyz)
     for (shape, axis), rows in tasks.groups(lambda task: (task.object.shape, task.site.name)):
-        folded[rows] = shape.fold(quat_wxyz[rows], _reference(axis, frame))
+        to_x = _SIDE_TO_X[axis]
+        # The opposing places of a Shadow Hand are roughly above one another along the fingers (hand z).
+        reference = to_x if frame == "opposition" else quat_multiply(_SIDE_TO_X["y"], to_x)
+        folded[rows] = shape.fold(quat_wxyz[rows], reference)
     return folded
-
-
-def _reference(axis: str, frame: Frame) -> Array:
-    to_x = _SIDE_TO_X[axis]
-    # The opposing places of a Shadow Hand are roughly above one another along the fingers (hand z).
-    return to_x if frame == "opposition" else quat_multiply(_CYCLE * [1, -1, -1, -1], to_x)

@@ -140,9 +140,9 @@ class GraspSampler(Proposal):
     def fingerprint(self) -> str:
         """Compute a short digest of the weights."""
         digest = hashlib.sha256()
-        for name in sorted(self.decoders):
+        for name, decoder in sorted(self.decoders.items()):
             digest.update(name.encode())
-            self.decoders[name].digest_into(digest)
+            decoder.digest_into(digest)
         return digest.hexdigest()[:16]
 
     def describe(self) -> dict[str, Any]:
@@ -151,8 +151,7 @@ class GraspSampler(Proposal):
             stage.name: {"latent_dim": stage.latent_dim, "hidden": list(stage.hidden), "kl_weight": stage.kl_weight}
             for stage in self.factorization.stages
         }
-        about = {"networks": networks, "sizes": self.size_mode, "weights": self.fingerprint()}
-        return self.metadata | about
+        return self.metadata | {"networks": networks, "sizes": self.size_mode, "weights": self.fingerprint()}
 
     def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
         """Say where samples come from, for a file: model, hand, and what was measured for type and object."""
@@ -193,8 +192,8 @@ class GraspSampler(Proposal):
         """Draw one grasp for each task; the same generator state gives the same grasps.
 
         Raises:
-            InputError: a side beyond the hand's reach, an object that the model does not know or, unless sizes are the
-                paper's, a type that was never seen in training.
+            InputError: a side beyond the hand's reach, a site that is no side, an object that the model does not know
+                or, unless sizes are the paper's, a type that was never seen in training.
         """
         check_reach(self.hand, tasks)
         for task in tasks.distinct:

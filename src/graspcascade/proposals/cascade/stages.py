@@ -70,6 +70,10 @@ class Factorization:
 
     Raises:
         InputError: an unknown frame or object code.
+
+    Example:
+        >>> [stage.name for stage in FACTORIZATIONS["model3_any_size"].stages]
+        ['posture', 'position', 'rotation']
     """
 
     name: str
