@@ -1,10 +1,13 @@
 """Errors that name what was given, what is allowed and the nearest match."""
 
+import re
+
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from graspcascade.core.errors import FileFormatError, InputError, unknown
+from graspcascade.core.errors import FileFormatError, InputError, check_whole, unknown
 
 NAMES = ("tripod", "palmar_pinch", "tip_pinch")
 
@@ -49,3 +52,21 @@ def test_input_errors_are_value_errors_and_file_errors_are_input_errors() -> Non
     assert issubclass(InputError, ValueError)
     assert issubclass(FileFormatError, InputError)
     assert isinstance(unknown("letter", "q", "ab"), InputError)
+
+
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [
+        (2.5, "n must be a whole number, got 2.5"),
+        ("3", "n must be a whole number, got '3'"),
+        (None, "n must be a whole number, got None"),
+        (0, "n must be at least 1, got 0"),
+        (101, "n must be at most 100, got 101"),
+        (10**400, "n must be at most 100, got 1000"),
+    ],
+)
+def test_a_count_is_a_whole_number_within_bounds(number: object, said: str) -> None:
+    with pytest.raises(InputError, match=re.escape(said)) as raised:
+        check_whole("n", number, 1, 100)
+    assert len(str(raised.value)) < 100
+    check_whole("n", np.int64(100), 1, 100)

@@ -204,7 +204,8 @@ def test_a_batch_is_worded_in_one_short_line() -> None:
     one = make_grasps(3, tasks=Tasks.repeat(Task.of("tripod", "box_medium", "x"), 3))
     assert repr(one) == "<Grasps: 3 tripod of box_medium, 3 joints of a_hand>"
     mixed = make_grasps(54, tasks=draw_tasks(CELLS, 1, 0.065, np.random.default_rng(0)))
-    assert repr(mixed) == "<Grasps: 54 6 kinds of 9 kinds, 3 joints of a_hand>"
+    assert repr(mixed) == "<Grasps: 54 6 types of 9 objects, 3 joints of a_hand>"
+    assert repr(mixed[:0]) == "<Grasps: 0, 3 joints of a_hand>"
     assert len(repr(make_grasps(0))) < 100
 
 

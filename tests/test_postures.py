@@ -132,7 +132,7 @@ def test_seed_settings_that_cannot_be_used_are_refused(change: dict[str, Any], m
     [
         {"aperture_tolerance_m": 1e-9, "support_plane_tolerance_m": 1e-9, "support_reach_tolerance_m": 1e-9},
         {"aperture_min_m": 0.0, "aperture_max_m": 0.0, "aperture_skew": 0.0, "support_reach_m": 0.0},
-        {"human_weight": 0.0, "normal_weight": 0.0, "draw_spread": 0.0, "seed": 10**22},
+        {"human_weight": 0.0, "normal_weight": 0.0, "draw_spread": 0.0, "seed": 2**63 - 1},
     ],
 )
 def test_seed_settings_at_the_end_of_their_range_can_be_used(hand: Hand, change: dict[str, Any]) -> None:

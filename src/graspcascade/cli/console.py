@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from ..core.errors import InputError
+from ..core.errors import InputError, check_whole
 from ..core.poses import Pose
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ PoseNumbers = tuple[float, float, float, float, float, float, float]
 _POSE = "Object pose in the world, metres and a unit quaternion; it gives the hand's pose in the world."
 ObjectPose = Annotated[PoseNumbers | None, arg(metavar="X Y Z QW QX QY QZ", help=_POSE)]
 
-MAX_GRASPS, MAX_THREADS, MAX_COUNT, MAX_SEED = 1_000_000, 4096, 10**9, 2**63 - 1
+MAX_THREADS = 4096
 _FARTHEST_M = 10.0
 """An object farther from the world's origin was probably meant in millimetres."""
 _PIPE_WIDTH = 200
@@ -101,12 +101,10 @@ def interval(rate: Mapping[str, float | None]) -> str:
     return f"{percent(rate['rate'])} (95 %: {percent(rate['low'])} to {percent(rate['high'])})"
 
 
-def within(low: int, high: int, **counts: int) -> None:
-    """Refuse counts that are out of range, by their names."""
+def check_threads(**counts: int) -> None:
+    """Refuse counts of threads or processes, by their names, that no machine has."""
     for name, value in counts.items():
-        if not low <= value <= high:
-            bound = f"least {low}" if value < low else f"most {high}"
-            raise InputError(f"{name.replace('_', '-')} must be at {bound}, got {value}")
+        check_whole(name, value, most=MAX_THREADS)
 
 
 def need(package: str, extra: str = "train") -> None:

@@ -47,7 +47,6 @@ class Seeds:
         """Make the seeds, write them, print the table."""
         if self.out is not None:
             console.check_out(self.out, ".csv", "a file of postures")
-        console.within(1, console.MAX_COUNT, per_type=self.spec.per_type)
         hand = load_hand(self.hand)
         seeds = _make_seeds(hand, self.spec)
         if self.out is not None:
@@ -147,8 +146,7 @@ class Collect:
     def run(self) -> None:
         """Collect, then say how much there is."""
         console.need("pyarrow")
-        console.within(0, console.MAX_THREADS, threads=self.threads, workers=self.workers)
-        console.within(0, console.MAX_COUNT, **{name: n for name, n in asdict(self.spec).items() if name != "seed"})
+        console.check_threads(threads=self.threads, workers=self.workers)
         proposal = Heuristic(load_hand(self.hand), console.load_prior(self.prior))
         engine = MujocoEngine(self.threads, creep=None if self.full else FAST_FORWARD)
         with console.bar("trials") as progress:
@@ -241,7 +239,7 @@ class Train:
         """Train and write."""
         console.need("pyarrow")
         console.need("torch")
-        console.within(0, console.MAX_THREADS, workers=self.workers)
+        console.check_threads(workers=self.workers)
         chosen = factorization(self.factorization)
         out = _replaceable(self.out)
         hand, dataset = load_hand(self.hand), load_dataset(self.data)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import Positional, arg
 
-from ..core.errors import InputError
+from ..core.errors import MAX_SEED, InputError, check_whole
 from ..core.grasps import Grasps
 from ..core.intervals import wilson
 from ..core.objects import GraspObject, as_object
@@ -59,8 +59,8 @@ class Sample:
 
     def run(self) -> None:
         """Sample, then print or write."""
-        console.within(1, console.MAX_GRASPS, n=self.n)
-        console.within(0, console.MAX_SEED, seed=self.seed)
+        check_whole("n", self.n, 1)
+        check_whole("seed", self.seed, most=MAX_SEED)
         kind, obj, placed = as_type(self.grasp_type), as_object(self.object), console.object_pose(self.object_pose)
         if self.side_cm is not None and self.side_axis is not None:
             raise InputError("give --side-cm or --side-axis, not both")

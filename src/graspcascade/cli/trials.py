@@ -40,7 +40,7 @@ class Trial:
 
     def run(self) -> None:
         """Execute, then print and write."""
-        console.within(0, console.MAX_THREADS, threads=self.threads)
+        console.check_threads(threads=self.threads)
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         if self.out is not None:
             console.check_out(self.out, ".json", "a trial report")
@@ -123,9 +123,7 @@ class Evaluate:
         """Evaluate, then print."""
         from ..studies.evaluate import evaluate
 
-        console.within(1, console.MAX_COUNT, per_cell=self.per_cell)
-        console.within(0, console.MAX_SEED, seed=self.seed)
-        console.within(0, console.MAX_THREADS, threads=self.threads, workers=self.workers)
+        console.check_threads(threads=self.threads, workers=self.workers)
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         proposal = console.load_proposal(self.model, self.hand, self.prior)
         hand = console.load_executing_hand(self.hand, proposal)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Collection, Iterable
+from numbers import Integral
+
+MAX_SEED = 2**63 - 1
 
 
 class InputError(ValueError):
@@ -32,3 +35,13 @@ def check_name(kind: str, given: str, valid: Collection[str]) -> None:
     """Check that a name is one of the valid ones, or raise the error that `unknown` builds."""
     if given not in valid:
         raise unknown(kind, given, valid)
+
+
+def check_whole(name: str, given: object, least: int = 0, most: int = 1_000_000) -> None:
+    """Check that a value is a whole number within bounds, or raise an `InputError` that names both."""
+    if not isinstance(given, Integral):
+        raise InputError(f"{name} must be a whole number, got {shortened(repr(given))}")
+    if int(given) < least:
+        raise InputError(f"{name} must {f'be at least {least}' if least else 'not be negative'}, got {given}")
+    if int(given) > most:
+        raise InputError(f"{name} must be at most {most}, got {shortened(str(given))}")

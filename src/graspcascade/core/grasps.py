@@ -74,8 +74,9 @@ class Grasps:
 
     def __repr__(self) -> str:
         """Describe the batch in one line."""
-        hand, kinds, objects = self.hand or "a hand without a name", _named(self.grasp_type), _named(self.object_name)
-        return f"<Grasps: {len(self)} {kinds} of {objects}, {len(self.joint_names)} joints of {hand}>"
+        hand, types = self.hand or "a hand without a name", _named(self.grasp_type, "types")
+        what = f" {types} of {_named(self.object_name, 'objects')}" if len(self) else ""
+        return f"<Grasps: {len(self)}{what}, {len(self.joint_names)} joints of {hand}>"
 
     @property
     def grasp_type(self) -> NDArray[np.str_]:
@@ -184,6 +185,6 @@ def batch_index(rows: Any) -> Any:
     return index if index.size or index.dtype == np.bool_ else index.astype(np.intp)
 
 
-def _named(names: NDArray[np.str_]) -> str:
+def _named(names: NDArray[np.str_], plural: str) -> str:
     distinct = sorted(set(names.tolist()))
-    return distinct[0] if len(distinct) == 1 else f"{len(distinct)} kinds"
+    return distinct[0] if len(distinct) == 1 else f"{len(distinct)} {plural}"

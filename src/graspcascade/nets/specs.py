@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core.errors import InputError, check_name
+from ..core.errors import InputError, check_name, check_whole
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
@@ -217,18 +217,18 @@ class TrainingSpec:
 
     def __post_init__(self) -> None:
         for name in ("epochs", "batch_size", "threads"):
-            if not getattr(self, name) >= 1:
-                raise InputError(f"{name} must be at least 1, got {getattr(self, name)}")
+            check_whole(name, getattr(self, name), 1)
+        for name in ("min_steps", "max_steps"):
+            check_whole(name, getattr(self, name), most=10**9)
+        check_whole("seed", self.seed, most=_MAX_SEED)
         for name in ("learning_rate", "final_learning_rate", "max_gradient_norm"):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("weight_decay", "metric_weight", "min_steps", "max_steps", "seed"):
+        for name in ("weight_decay", "metric_weight"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(f"{name} must not be negative, got {getattr(self, name)}")
         if 0 < self.max_steps < self.min_steps:
             raise InputError(f"max_steps must be at least min_steps, got {self.max_steps} and {self.min_steps}")
-        if self.seed > _MAX_SEED:
-            raise InputError(f"seed must be at most {_MAX_SEED}, got {self.seed}")
         for name in ("kl_warmup_fraction", "averaging_fraction", "validation_fraction"):
             if not 0.0 <= getattr(self, name) < 1.0:
                 raise InputError(f"{name} must be in [0, 1), got {getattr(self, name)}")

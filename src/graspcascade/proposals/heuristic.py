@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core.errors import InputError
+from ..core.errors import InputError, check_whole
 from ..core.grasps import Grasps
 from ..core.objects import GraspObject
 from ..core.poses import Pose, canonical_quat, quat_multiply
@@ -59,8 +59,7 @@ class Heuristic(Proposal):
 
     def __post_init__(self) -> None:
         self.prior.columns_of(self.hand)
-        if self.most_draws < 1:
-            raise InputError(f"most_draws must be at least 1, got {self.most_draws}")
+        check_whole("most_draws", self.most_draws, 1)
 
     @property
     def name(self) -> str:  # type: ignore[override]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError
+from ..core.errors import MAX_SEED, InputError, check_whole
 from ..core.grasps import Grasps
 from ..core.machine import peak_rss_mb, versions
 from ..core.outcomes import Outcomes
@@ -54,11 +54,10 @@ class CollectionSpec:
     """Seed of every draw; the same seed gives the same rows whatever the threads or interruptions."""
 
     def __post_init__(self) -> None:
-        for name in ("trials_per_cell", "successes_per_cell", "most_trials_per_cell", "seed"):
-            if not getattr(self, name) >= 0:
-                raise InputError(f"{name} must not be negative, got {getattr(self, name)}")
-        if not self.round_per_cell >= 1:
-            raise InputError(f"round_per_cell must be at least 1, got {self.round_per_cell}")
+        for name in ("trials_per_cell", "successes_per_cell", "most_trials_per_cell"):
+            check_whole(name, getattr(self, name), most=10**9)
+        check_whole("round_per_cell", self.round_per_cell, 1, 10_000)
+        check_whole("seed", self.seed, most=MAX_SEED)
         if self.trials_per_cell == 0 and self.successes_per_cell == 0:
             raise InputError("nothing to collect: give trials_per_cell or successes_per_cell")
 

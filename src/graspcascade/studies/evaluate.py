@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.errors import FileFormatError, InputError
+from ..core.errors import MAX_SEED, FileFormatError, InputError, check_whole
 from ..core.grasps import Grasps
 from ..core.machine import versions
 from ..core.outcomes import VERDICTS, Outcomes
@@ -88,8 +88,8 @@ def evaluate(
         raise InputError("an evaluation computes every step; give an engine with creep=None")
     hand = load_hand(proposal.hand.name) if hand is None and proposal.hand.mjcf is None else hand or proposal.hand
     name = proposal.name if name is None else name
-    if per_cell < 1 or seed < 0:
-        raise InputError(f"per_cell must be at least 1 and seed not negative, got {per_cell} and {seed}")
+    check_whole("per_cell", per_cell, 1)
+    check_whole("seed", seed, most=MAX_SEED)
     identity: dict[str, Any] = {
         "kind": "graspcascade evaluation rounds",
         "model": name,

@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
-from ..core.errors import InputError
+from ..core.errors import check_whole
 from ..core.machine import child_environment, processors
 
 Result = TypeVar("Result")
@@ -90,8 +90,7 @@ def worker_count(workers: int) -> int:
     Raises:
         InputError: `workers` is negative.
     """
-    if workers < 0:
-        raise InputError(f"workers must be at least 1, or 0 for as many as processors, got {workers}")
+    check_whole("workers", workers, most=1000)
     return workers or processors()
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError, check_name
+from ..core.errors import InputError, check_name, check_whole
 from ..core.files import write_json
 from ..core.grasps import Grasps
 from ..core.machine import versions
@@ -162,8 +162,7 @@ class CascadeTraining:
     def __post_init__(self) -> None:
         check_name("choice of grasps to learn from", self.learn_from, get_args(LearnFrom))
         check_name("object pose to learn", self.object_pose, get_args(ObjectPose))
-        if not self.most_repeats >= 1:
-            raise InputError(f"most_repeats must be at least 1, got {self.most_repeats}")
+        check_whole("most_repeats", self.most_repeats, 1)
         least, most = _FINGERTIP_ERRORS_M
         if not least <= self.fingertip_error_m <= most:
             raise InputError(f"fingertip_error_m must be from {least:g} to {most:g}, got {self.fingertip_error_m}")

@@ -33,13 +33,24 @@ _OVERSHOOT_RAD = 0.1
 
 @dataclass(frozen=True)
 class LabelledPostures:
-    """Hold n labelled postures.
+    r"""Hold n labelled postures.
 
     Attributes:
         joint_names: names of the J columns.
         posture: ``(n, J)`` radians.
         grasp_type: ``(n,)`` type names.
         clipped: by joint, how many angles were brought to its limits; joints without any left out.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from graspcascade import load_hand
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "recorded.csv")
+        ...     _ = file.write_text("grasp_type,FFJ3_deg,THJ4_deg\ntripod,40,60\ntip pinch,35,95\n")
+        ...     recorded = import_postures(file, load_hand("shadow"))
+        >>> recorded.grasp_type.tolist(), recorded.n_clipped
+        (['tripod', 'tip_pinch'], 1)
     """
 
     joint_names: tuple[str, ...]

@@ -107,6 +107,14 @@ class Evaluation:
         seed, per_cell: seed of every draw, and trials for each cell.
         versions: versions that the numbers depend on.
         model_metadata: what the caller says of the model.
+
+    Example:
+        >>> from graspcascade import GraspSampler, as_object, as_type
+        >>> from graspcascade.studies.evaluate import evaluate
+        >>> cell = (as_object("box_small"), as_type("tripod"))
+        >>> evaluation = evaluate(GraspSampler.pretrained(), per_cell=4, seed=0, cells=[cell])
+        >>> evaluation.n, 0.0 <= evaluation.held.low <= evaluation.held.rate <= evaluation.held.high <= 1.0
+        (4, True)
     """
 
     protocol: Protocol

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from ..core.errors import InputError
+from ..core.errors import MAX_SEED, InputError, check_whole
 from ..core.taxonomy import GRASP_TYPES, GraspType
 from ..hands import Hand
 from .postures import LabelledPostures
@@ -69,8 +69,8 @@ class SeedSpec:
     """Seed of the draws."""
 
     def __post_init__(self) -> None:
-        if not self.per_type >= 1:
-            raise InputError(f"per_type must be at least 1, got {self.per_type}")
+        check_whole("per_type", self.per_type, 1)
+        check_whole("seed", self.seed, most=MAX_SEED)
         if not 0.0 <= self.aperture_min_m <= self.aperture_max_m < np.inf:
             raise InputError(
                 "apertures must be finite and not negative, the smallest no larger than the largest, "
@@ -82,8 +82,6 @@ class SeedSpec:
         for name in ("aperture_skew", "support_reach_m", "normal_weight", "human_weight", "draw_spread"):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)}")
-        if not self.seed >= 0:
-            raise InputError(f"seed must not be negative, got {self.seed}")
 
 
 def make_seeds(

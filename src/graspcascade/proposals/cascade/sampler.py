@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import FileFormatError, InputError, check_name, unknown
+from ...core.errors import MAX_SEED, FileFormatError, InputError, check_name, check_whole, unknown
 from ...core.grasps import Grasps
 from ...core.objects import GraspObject, as_object
 from ...core.poses import Pose, canonical_quat
@@ -181,10 +181,8 @@ class GraspSampler(Proposal):
                 negative seed, or, unless sizes are the paper's, a type that was never seen in training.
         """
         kind, target = as_type(grasp_type), as_object(obj)
-        if n < 1:
-            raise InputError(f"n must be at least 1, got {n}")
-        if seed < 0:
-            raise InputError(f"seed must not be negative, got {seed}")
+        check_whole("n", n, 1)
+        check_whole("seed", seed, most=MAX_SEED)
         site = None if side_axis is None else target.site(side_axis, self.hand.reach_m)
         return self.propose_alike(target, kind, site, n, np.random.default_rng(seed))
 

@@ -42,6 +42,15 @@ class SizeRule:
         best_offset_m: grasp size minus side where trials succeeded most often.
         grasp_offsets_m: the 5 to 95 % quantiles of grasp size minus side among successes.
         object_offset_m: median of object size minus side among successes.
+
+    Example:
+        >>> from graspcascade import Task, Tasks, as_object, as_type
+        >>> rule = SizeRule({"tripod": -0.01}, {"tripod": [-0.02] * 19}, {"tripod": 0.008})
+        >>> tasks = Tasks.of([Task.of(as_type("tripod"), as_object("box_medium"), "x")])
+        >>> request = Request(tasks, np.zeros(1), np.zeros(1))
+        >>> grasp_size_m, object_size_m = rule.apply(request, "best", np.random.default_rng(0))
+        >>> tasks.side_m.tolist(), grasp_size_m.round(3).tolist(), object_size_m.round(3).tolist()
+        ([0.03], [0.02], [0.038])
     """
 
     best_offset_m: dict[str, float]

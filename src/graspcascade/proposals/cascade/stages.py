@@ -35,6 +35,10 @@ class Stage:
 
     Raises:
         InputError: an unknown target, quantity or rotation head.
+
+    Example:
+        >>> Stage("rotation", ("rotation",), ("position", "posture", "grasp_type"), rotation_head="vmf_mixture").hidden
+        (256, 256)
     """
 
     name: str
