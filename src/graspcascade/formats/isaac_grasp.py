@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,8 @@ from ..core.errors import FileFormatError
 from ..core.yaml_files import dump_yaml, load_yaml, yaml_files
 from ..hands import Hand
 from . import foreign
-from .document import GraspDocument, hand_of, mapping, number, place, pose_of
+from .document import Assumptions, ExportOptions, GraspDocument, by_name, hand_of, mapping, number, place, pose_of
 from .foreign import KEY, ForeignGrasp
-from .options import Assumptions, ExportOptions
 
 CONVENTIONS = {
     "position, orientation": "pose of the gripper frame (palm body) in the object frame, metres, quaternion w and xyz",
@@ -23,6 +22,7 @@ CONVENTIONS = {
     "confidence": "chance to hold; 0 where it was not measured",
     "object_scale": "by which the object of that name is scaled",
 }
+_COMMENT = "isaac_grasp 1.0: gripper poses in the object frame, metres and radians; quaternions w, xyz"
 
 
 def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
@@ -38,16 +38,13 @@ def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
             "confidence": float(confidence[i]),
             "position": gripper.position_m[i].tolist(),
             "orientation": {"w": float(gripper.quat_wxyz[i, 0]), "xyz": gripper.quat_wxyz[i, 1:].tolist()},
-            "cspace_position": dict(zip(names, grasps.posture[i, columns].tolist(), strict=True)),
-            "pregrasp_cspace_position": dict(zip(names, grasps.pregrasp[i, columns].tolist(), strict=True)),
+            "cspace_position": by_name(names, grasps.posture[i, columns]),
+            "pregrasp_cspace_position": by_name(names, grasps.pregrasp[i, columns]),
         }
         for i in range(len(grasps))
     ]
-    each, in_folder = foreign.grasp_notes(document, confidence), path.is_dir()
-    if not in_folder:
-        foreign.only_object(grasps.tasks, "an isaac_grasp")
-    for name, stem in foreign.file_stems(grasps.tasks).items():
-        mine = [i for i, other in enumerate(grasps.object_name.tolist()) if other == name]
+    each = foreign.grasp_notes(document, confidence)
+    for name, file, mine in foreign.object_files(path, path, ".yaml", grasps.tasks, "an isaac_grasp"):
         data = {
             "format": "isaac_grasp",
             "format_version": 1.0,
@@ -58,8 +55,7 @@ def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
             "object_scale": 1.0,
             "grasps": {f"grasp_{i}": rows[i] for i in mine},
         }
-        comment = "isaac_grasp 1.0: gripper poses in the object frame, metres and radians; quaternions w, xyz"
-        dump_yaml(path / f"{stem}.yaml" if in_folder else path, data, comment)
+        dump_yaml(file, data, _COMMENT)
 
 
 def read(path: Path, assume: Assumptions) -> GraspDocument:
@@ -71,43 +67,31 @@ def read(path: Path, assume: Assumptions) -> GraspDocument:
         data = load_yaml(file)
         if not isinstance(data, Mapping) or data.get("format") != "isaac_grasp":
             raise FileFormatError("not an isaac_grasp file (no 'format: isaac_grasp')")
-        files.append(mapping(data.get(KEY)))
-        hand = hand_of(files[-1], assume.hand)
-        _check(data, hand)
-        rows.extend(_grasps(data, files[-1], hand, assume))
+        notes, frame = mapping(data.get(KEY)), _frame(data, "gripper_frame")
+        files.append(notes)
+        hand = hand_of(notes, assume.hand)
+        if str(data.get("format_version")) not in ("1", "1.0"):
+            raise FileFormatError(f"has format_version {data.get('format_version')!r}; this version reads 1.0")
+        if not isinstance(data.get("grasps"), Mapping):
+            raise FileFormatError("grasps is not a mapping of grasps by name")
+        if frame is not None and not frame.endswith(hand.body):
+            what = f"{hand.name}'s {hand.body}"
+            raise FileFormatError(f"its gripper frame is {frame!r}; only poses of {what} can be read")
+        foreign.check_whole(notes, len(data["grasps"]))
+        numbering, noted = notes.get("joint_numbering", assume.joint_numbering), mapping(notes.get("grasps"))
+        for name, row in data["grasps"].items():
+            with place(name):
+                rows.append(_grasp(row, data, mapping(noted.get(name)), hand, numbering))
     return foreign.foreign_document(rows, files, assume, hand)
 
 
-def _check(data: Mapping[str, Any], hand: Hand) -> None:
-    if str(data.get("format_version")) not in ("1", "1.0"):
-        raise FileFormatError(f"has format_version {data.get('format_version')!r}; this version reads 1.0")
-    if not isinstance(data.get("grasps"), Mapping):
-        raise FileFormatError("grasps is not a mapping of grasps by name")
-    frame = _frame(data, "gripper_frame")
-    if frame is not None and not frame.endswith(hand.body):
-        raise FileFormatError(f"its gripper frame is {frame!r}; only poses of {hand.name}'s {hand.body} can be read")
-
-
-def _grasps(
-    data: Mapping[str, Any], notes: Mapping[str, Any], hand: Hand, assume: Assumptions
-) -> Iterator[ForeignGrasp]:
-    noted = mapping(notes.get("grasps"))
-    foreign.check_whole(notes, len(data["grasps"]))
-    numbering = notes.get("joint_numbering", assume.joint_numbering)
-    for name, row in data["grasps"].items():
-        with place(name):
-            if not isinstance(row, Mapping):
-                raise FileFormatError("is not a mapping")
-            yield _grasp(row, data, mapping(noted.get(name)), hand, numbering)
-
-
-def _grasp(
-    row: Mapping[str, Any], data: Mapping[str, Any], notes: Mapping[str, Any], hand: Hand, numbering: int
-) -> ForeignGrasp:
-    turned = mapping(row.get("orientation"))
+def _grasp(row: object, data: Mapping[str, Any], notes: Mapping[str, Any], hand: Hand, numbering: int) -> ForeignGrasp:
+    if not isinstance(row, Mapping):
+        raise FileFormatError("is not a mapping")
+    turned, opened = mapping(row.get("orientation")), row.get("pregrasp_cspace_position")
     xyz = turned.get("xyz")
     quat = [number(turned.get("w"), "orientation w"), *(xyz if isinstance(xyz, list) else [])]
-    gripper, opened = pose_of(row.get("position"), quat, "gripper"), row.get("pregrasp_cspace_position")
+    gripper = pose_of(row.get("position"), quat, "gripper")
 
     def joints(angles: object, what: str) -> dict[str, float]:
         return foreign.pick_joints(angles, hand.joint_names, what, numbering)

@@ -13,18 +13,16 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import FileFormatError, InputError
-from ..core.grasps import Grasps
 from ..core.poses import Pose, rotate
 from ..core.yaml_files import dump_yaml, load_yaml
 from ..hands import Hand
+from . import document as doc
 from . import foreign
-from .document import GraspDocument, hand_of, mapping, numbers, place, pose_of, world_pose
+from .document import Assumptions, ExportOptions, GraspDocument, mapping
 from .foreign import KEY, ForeignGrasp
-from .options import Assumptions, ExportOptions
 
 MESSAGE = "moveit_msgs/msg/Grasp"
 FOREARM = "forearm"
-_NOW = {"sec": 0, "nanosec": 0}
 _STRAIGHT_RAD = 1e-6
 _PALM_NORMAL = np.array([0.0, -1.0, 0.0])
 """In the hand frame."""
@@ -43,7 +41,10 @@ def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
     """Write a list of messages."""
     grasps = document.grasps
     hand, columns, written = foreign.joints_to_write(grasps, options)
-    _check_straight(grasps, hand)
+    for bent in (name for name in hand.wrist_joints if name in grasps.joint_names):
+        angles = np.array([grasps.posture, grasps.pregrasp])[..., grasps.joint_names.index(bent)]
+        if np.abs(angles).max(initial=0.0) > _STRAIGHT_RAD:
+            raise InputError(f"the grasps bend the wrist ({bent}); only a straight wrist can be written")
     notes = foreign.file_notes(document, CONVENTIONS, options.joint_numbering)
     placed = None if options.frame_id == "" else document.X_world_object
     wrist = hand.wrist_joints if options.parent_link == FOREARM else ()
@@ -59,12 +60,14 @@ def write(path: Path, document: GraspDocument, options: ExportOptions) -> None:
         frame = (name if placed is None else "world") if options.frame_id is None else options.frame_id
         back = _translation(link, -facing, options.retreat_m)
         up = _translation(frame, np.array([0.0, 0.0, 1.0]), options.retreat_m)
+        point, turn = parent.position_m[i], np.roll(parent.quat_wxyz[i], -1)
+        pose = {"position": doc.by_name("xyz", point), "orientation": doc.by_name("xyzw", turn)}
         messages.append(
             {
                 "id": f"{grasps.grasp_type[i]}/{name}/{i}",
                 "pre_grasp_posture": _trajectory(names, straight + grasps.pregrasp[i, columns].tolist()),
                 "grasp_posture": _trajectory(names, straight + grasps.posture[i, columns].tolist()),
-                "grasp_pose": {"header": _header(frame), "pose": _pose_fields(parent, i)},
+                "grasp_pose": {"header": _header(frame), "pose": pose},
                 "grasp_quality": float(confidence[i]),
                 "pre_grasp_approach": _translation(link, facing, options.approach_m),
                 "post_grasp_retreat": back if placed is None else up,
@@ -88,26 +91,26 @@ def read(path: Path, assume: Assumptions) -> GraspDocument:
     data = load_yaml(path)
     if not isinstance(data, Mapping) or not isinstance(data.get("grasps"), list):
         raise FileFormatError("not a file of moveit_msgs/Grasp messages (no list 'grasps')")
-    notes, link = mapping(data.get(KEY)), str(data.get("parent_link"))
-    hand = hand_of(notes, assume.hand)
+    notes, link, messages = mapping(data.get(KEY)), str(data.get("parent_link")), data["grasps"]
+    hand = doc.hand_of(notes, assume.hand)
     links = [FOREARM, hand.body] if hand.wrist_joints else [hand.body]
     part = next((name for name in links if link.endswith(name)), None)
     if part is None:
         raise FileFormatError(f"parent_link is {link!r}; only poses of {' or '.join(links)} can be read")
-    foreign.check_whole(notes, len(data["grasps"]))
-    numbering, placed = notes.get("joint_numbering", assume.joint_numbering), world_pose(notes)
-    rows, noted = [], notes.get("grasps", [{}] * len(data["grasps"]))
-    for i, (message, row) in enumerate(zip(data["grasps"], noted, strict=True)):
-        with place(f"grasp {i}"):
+    foreign.check_whole(notes, len(messages))
+    numbering, placed = notes.get("joint_numbering", assume.joint_numbering), doc.world_pose(notes)
+    rows = []
+    for i, (message, noted) in enumerate(zip(messages, notes.get("grasps", [{}] * len(messages)), strict=True)):
+        with doc.place(f"grasp {i}"):
             if not isinstance(message, Mapping):
                 raise FileFormatError("is not a mapping")
             opened, target = (
-                _angles(message.get(what), what, hand, part, numbering)
+                _angles(mapping(message.get(what)), what, hand, part, numbering)
                 for what in ("pre_grasp_posture", "grasp_posture")
             )
-            X_hand_object, name = _object(message, mapping(row), _link_in_hand(hand, part), placed)
+            X_hand_object, name = _object(message, mapping(noted), _link_in_hand(hand, part), placed)
         quality = message.get("grasp_quality")
-        rows.append(ForeignGrasp(target, opened, X_hand_object, name, confidence=quality, notes=mapping(row)))
+        rows.append(ForeignGrasp(target, opened, X_hand_object, name, confidence=quality, notes=mapping(noted)))
     return foreign.foreign_document(rows, [notes], assume, hand)
 
 
@@ -118,7 +121,7 @@ def _object(
     stamped = mapping(message.get("grasp_pose"))
     fields, frame = mapping(stamped.get("pose")), mapping(stamped.get("header")).get("frame_id")
     point, turn = mapping(fields.get("position")), mapping(fields.get("orientation"))
-    parent = pose_of([point.get(k) for k in "xyz"], [turn.get(k) for k in "wxyz"], "grasp_pose")
+    parent = doc.pose_of([point.get(k) for k in "xyz"], [turn.get(k) for k in "wxyz"], "grasp_pose")
     X_hand_object = X_hand_link @ parent.inverse()
     if X_world_object is not None and frame != "":
         # Poses are in the object's own frame unless the notes say where in theirs the object is.
@@ -130,12 +133,11 @@ def _object(
     return X_hand_object, None if named is None else str(named)
 
 
-def _angles(trajectory: object, what: str, hand: Hand, link: str, numbering: int) -> dict[str, float]:
-    given = mapping(trajectory)
+def _angles(given: Mapping[str, Any], what: str, hand: Hand, link: str, numbering: int) -> dict[str, float]:
     names, points = given.get("joint_names"), given.get("points")
     if not isinstance(names, list) or not isinstance(points, list) or not points:
         raise FileFormatError(f"{what} is not a trajectory with joint names and a point")
-    positions = numbers(mapping(points[-1]).get("positions"), len(names), f"{what} positions")
+    positions = doc.numbers(mapping(points[-1]).get("positions"), len(names), f"{what} positions")
     angles = dict(zip(map(str, names), positions, strict=True))
     wrist = tuple(foreign.numbered(hand.wrist_joints, numbering).values()) if link == FOREARM else ()
     bent = [name for name, angle in angles.items() if name.endswith(wrist) and abs(angle) > _STRAIGHT_RAD]
@@ -144,36 +146,22 @@ def _angles(trajectory: object, what: str, hand: Hand, link: str, numbering: int
     return foreign.pick_joints(angles, hand.joint_names, what, numbering)
 
 
-def _check_straight(grasps: Grasps, hand: Hand) -> None:
-    for name in set(hand.wrist_joints) & set(grasps.joint_names):
-        column = grasps.joint_names.index(name)
-        if np.abs([grasps.posture[:, column], grasps.pregrasp[:, column]]).max(initial=0.0) > _STRAIGHT_RAD:
-            raise InputError(f"the grasps bend the wrist ({name}); only a straight wrist can be written")
-
-
 def _link_in_hand(hand: Hand, link: str) -> Pose:
     """Compute the pose of a parent link in the hand frame, wrist straight."""
     return (hand.X_base_hand if link == FOREARM else hand.X_body_hand).inverse()
 
 
 def _header(frame: str) -> dict[str, Any]:
-    return {"stamp": dict(_NOW), "frame_id": frame}
+    return {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
 
 
 def _trajectory(names: list[str], positions: list[float]) -> dict[str, Any]:
-    point = {"positions": positions, "velocities": [], "accelerations": [], "effort": [], "time_from_start": dict(_NOW)}
-    return {"header": _header(""), "joint_names": list(names), "points": [point]}
-
-
-def _pose_fields(poses: Pose, row: int) -> dict[str, Any]:
-    point, turn = poses.position_m[row].tolist(), poses.quat_wxyz[row].tolist()
-    return {
-        "position": dict(zip("xyz", point, strict=True)),
-        "orientation": dict(zip("xyzw", [*turn[1:], turn[0]], strict=True)),
-    }
+    rest: dict[str, Any] = {"velocities": [], "accelerations": [], "effort": []}
+    point = {"positions": positions} | rest | {"time_from_start": {"sec": 0, "nanosec": 0}}
+    return {"header": _header(""), "joint_names": names, "points": [point]}
 
 
 def _translation(frame: str, vector: np.ndarray[Any, Any], distance_m: float) -> dict[str, Any]:
     # Adding 0 takes the sign off a zero.
-    direction = {"header": _header(frame), "vector": dict(zip("xyz", (vector + 0.0).tolist(), strict=True))}
+    direction = {"header": _header(frame), "vector": doc.by_name("xyz", vector + 0.0)}
     return {"direction": direction, "desired_distance": distance_m, "min_distance": distance_m / 2}
