@@ -162,7 +162,7 @@ def _batch(value: object, width: int, what: str) -> NDArray[np.float64]:
     """Read one row of numbers ``(width,)``, or a batch ``(n, width)``, as a batch."""
     try:
         array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise FileFormatError(f"{what} is {shortened(repr(value))}, not {width} numbers") from error
     if array.ndim > 2:
         raise FileFormatError(f"{what} is batched as {array.shape}; only ({width},) and (n, {width}) can be read")
@@ -251,16 +251,16 @@ def _net_grasp(row: Mapping[str, Any], object_name: str) -> ForeignGrasp:
 
 
 def _in_contact(
-    document: GraspDocument, options: ExportOptions, what: str, conventions: Mapping[str, str]
+    document: GraspDocument, options: ExportOptions, what: str, conventions: dict[str, str]
 ) -> tuple[Grasps, dict[str, Any], list[dict[str, Any]]]:
     """Put hand and object where they settled, if a trial reached closing; with our notes on the file and each grasp."""
     grasps, outcomes = document.grasps, options.outcomes
     _check_shadow(grasps.hand, grasps.joint_names, what)
-    notes, contact, placed = foreign.file_notes(document, conventions), grasps, grasps.X_hand_object
-    measured: NDArray[np.bool_] = np.zeros((len(grasps), 1), dtype=bool)
+    notes, contact, placed = doc.header(document) | {"conventions": conventions}, grasps, grasps.X_hand_object
+    measured = np.zeros((len(grasps), 1), dtype=bool)
     if outcomes is not None and options.contact == "settled":
         settled, posture = outcomes.X_hand_object_settled, outcomes.settled_posture
-        measured = np.isfinite(np.hstack([posture, settled.position_m])).all(axis=1)[:, None]
+        measured[:, 0] = np.isfinite(np.hstack([posture, settled.position_m])).all(axis=1)
         position, quat = (np.where(measured, getattr(settled, part), getattr(placed, part)) for part in doc.POSE_PARTS)
         posture = np.where(measured, posture, grasps.posture)
         contact = replace(grasps, posture=posture, X_hand_object=Pose(position, quat))

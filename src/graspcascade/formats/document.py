@@ -306,7 +306,7 @@ def world_pose(head: Mapping[str, Any]) -> Pose | None:
     stored = head.get("X_world_object")
     try:
         return None if stored is None else _one_pose(stored["position_m"], stored["quat_wxyz"])
-    except (InputError, KeyError, TypeError) as error:
+    except (InputError, KeyError, TypeError, OverflowError) as error:
         raise FileFormatError(f"X_world_object is damaged ({error})") from error
 
 

@@ -14,10 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.errors import FileFormatError, InputError, shortened
-from ..core.grasps import Grasps
 from ..core.objects import AXES, GraspObject, as_object
 from ..core.poses import Pose, quat_conjugate, rotate
 from ..core.records import objects_from_json
@@ -25,7 +23,7 @@ from ..core.tasks import Tasks
 from ..core.taxonomy import GraspType, as_type
 from ..hands import Hand
 from . import document as doc
-from .document import LEFT, NUMBERS, Assumptions, ExportOptions, GraspDocument, mapping, number, place
+from .document import LEFT, NUMBERS, Assumptions, GraspDocument, mapping, number, place
 
 KEY = "graspcascade"
 _NUMBERED = re.compile(r"(.*J)([1-9])")
@@ -45,15 +43,6 @@ class ForeignGrasp:
     notes: Mapping[str, Any] = field(default_factory=dict)  # our own, empty in a file of someone else's
 
 
-def joints_to_write(grasps: Grasps, options: ExportOptions) -> tuple[Hand, list[int], dict[str, str]]:
-    """Choose the hand of an export, the columns of its joints, and their names in the file by ours, wrist first."""
-    hand = doc.hand_of({"hand": grasps.hand}, options.hand)
-    check_joints(grasps.joint_names, hand.joint_names, hand.name)
-    names = numbered((*hand.wrist_joints, *hand.joint_names), options.joint_numbering)
-    written = {name: options.joint_prefix + other for name, other in names.items()}
-    return hand, [grasps.joint_names.index(name) for name in hand.joint_names], written
-
-
 def check_joints(given: Sequence[str], needed: Sequence[str], hand: str) -> None:
     """Check that grasps to be written have the joints of a hand."""
     missing = [name for name in needed if name not in given]
@@ -64,18 +53,9 @@ def check_joints(given: Sequence[str], needed: Sequence[str], hand: str) -> None
         )
 
 
-def file_notes(document: GraspDocument, conventions: Mapping[str, str], numbering: int = 1) -> dict[str, Any]:
-    """Collect the notes on a whole file: the native header, and the frames and orders of the format it is in."""
-    renumbered = {} if numbering else {"joint_numbering": 0}
-    return doc.header(document) | {"conventions": dict(conventions)} | renumbered
-
-
-def grasp_notes(document: GraspDocument, confidence: NDArray[np.float64] | None = None) -> list[dict[str, Any]]:
-    """Collect the notes on each grasp: number, labels, sizes and its own chance, and what the file says as chance."""
-    return [
-        {"number": i} | row | ({} if confidence is None else {"confidence": float(confidence[i])})
-        for i, row in enumerate(doc.fact_rows(document.grasps))
-    ]
+def grasp_notes(document: GraspDocument) -> list[dict[str, Any]]:
+    """Collect our notes on each grasp: number, labels, sizes and its own chance to hold."""
+    return [{"number": i} | row for i, row in enumerate(doc.fact_rows(document.grasps))]
 
 
 def file_stems(tasks: Tasks) -> dict[str, str]:

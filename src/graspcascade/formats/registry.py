@@ -88,6 +88,7 @@ def _check_parent(path: Path) -> None:
 
 _PICKLED: dict[str, Any] = {"pickled": True, "contact": True}
 _ISAAC = "isaac_grasp YAML 1.0 of NVIDIA Isaac, one object a file"
+_MOVEIT = "moveit_msgs/Grasp messages as YAML"
 _BENCH = "DexGraspBench folder, one .npy a grasp, objects beside them"
 _NET = "DexGraspNet .npy, one object a file"
 FORMATS_BY_NAME: Mapping[str, GraspFormat] = {
@@ -95,8 +96,8 @@ FORMATS_BY_NAME: Mapping[str, GraspFormat] = {
     for known in (
         GraspFormat("json", (".json",), "native JSON, joints by name", "native", "_json"),
         GraspFormat("parquet", (".parquet",), "native Parquet, one row a grasp", "native", "_parquet", ("pyarrow",)),
-        GraspFormat("isaac_grasp", YAML_SUFFIXES, _ISAAC, "isaac_grasp", layout="either"),
-        GraspFormat("moveit_grasp", YAML_SUFFIXES, "moveit_msgs/Grasp messages as YAML", "moveit_grasp"),
+        GraspFormat("isaac_grasp", YAML_SUFFIXES, _ISAAC, "yaml_grasps", "_isaac", layout="either"),
+        GraspFormat("moveit_grasp", YAML_SUFFIXES, _MOVEIT, "yaml_grasps", "_moveit"),
         GraspFormat("dexgraspbench", (".npy",), _BENCH, "dexgrasp", "_bench", layout="folder", **_PICKLED),
         GraspFormat("dexgraspnet", (".npy",), _NET, "dexgrasp", "_net", layout="either", **_PICKLED),
     )
