@@ -59,7 +59,7 @@ def save_grasps(
     """
     path = Path(path)
     chosen = format_to_write(path, format)
-    chosen.check_place(path)
+    check_file_place(path, chosen.writes_folder(path))
     options = (options or ExportOptions()).with_rates_of(metadata)
     if chosen.contact and options.outcomes is None and options.contact == "settled" and len(grasps):
         raise InputError(
@@ -103,10 +103,9 @@ def load_document(
     if not path.is_file() and not (path.is_dir() and chosen.layout != "file"):
         raise InputError(f"there is no file {path}")
     if chosen.pickled and not trust_pickle:
-        raise InputError(
-            f"{path} holds pickled Python objects, and reading those runs whatever code the file carries; if you trust "
-            "where it comes from, pass trust_pickle=True (--trust-pickle on the command line)"
-        )
+        risk = "pickled Python objects, and reading those runs whatever code the file carries"
+        trust = "if you trust where it comes from, pass trust_pickle=True (--trust-pickle on the command line)"
+        raise InputError(f"{path} holds {risk}; {trust}")
     with place(str(path)):
         return chosen.read(path, assume or Assumptions())
 
@@ -124,4 +123,4 @@ def load_executable(path: Path | str, hand: Hand, *, trust_pickle: bool = False)
 
 def check_target(path: Path | str, format: str | None = None) -> None:
     """Check, before any work is done for it, that grasps can be written under a name; else an InputError."""
-    format_to_write(Path(path), format).check_place(Path(path))
+    check_file_place(Path(path), format_to_write(Path(path), format).writes_folder(Path(path)))

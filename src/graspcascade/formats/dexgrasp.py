@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import FileFormatError, InputError, shortened
+from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
 from ..core.poses import Pose, as_quat, as_rotation
 from ..worlds.meshes import object_mesh, write_obj
@@ -27,12 +27,10 @@ from . import foreign
 from .document import ANGLES, Assumptions, ExportOptions, GraspDocument, mapping, number, pose_of
 from .foreign import KEY, ForeignGrasp
 
-JOINTS: tuple[str, ...] = tuple(
-    f"{digit}J{joint}"
-    for digit, joints in (("FF", 4), ("MF", 4), ("RF", 4), ("LF", 5), ("TH", 5))
-    for joint in range(joints, 0, -1)
-)
+_DIGITS = {"FF": 4, "MF": 4, "RF": 4, "LF": 5, "TH": 5}
+JOINTS: tuple[str, ...] = tuple(f"{digit}J{joint}" for digit, n in _DIGITS.items() for joint in range(n, 0, -1))
 BENCH, NET = "DexGraspBench", "DexGraspNet"
+_FILE = "{:06d}.npy"
 STATES = ("pregrasp_qpos", "grasp_qpos", "squeeze_qpos")
 _NOWHERE = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 X_HAND_BASE = Pose(np.array([0.0, 0.0, -0.034]), np.array([1.0, 0.0, 0.0, 0.0]))
@@ -72,7 +70,7 @@ def write_bench(path: Path, document: GraspDocument, options: ExportOptions) -> 
         row = {"obj_path": f"{root}/{stems[name]}", "obj_scale": 1.0, "obj_pose": placed}
         for state, angles in states.items():
             row[state] = np.concatenate([base.position_m[i], base.quat_wxyz[i], angles[i, columns]])
-        save_objects(folder / _file_name(i), row | {KEY: notes | {"grasp": each[i]}})
+        save_objects(folder / _FILE.format(i), row | {KEY: notes | {"grasp": each[i]}})
     for name, obj in grasps.tasks.objects.items():
         mesh, folder = object_mesh(obj), path / "objects" / stems[name]
         write_obj(folder / "urdf" / "meshes" / "convex_piece_000.obj", mesh)
@@ -105,11 +103,11 @@ def read_bench(path: Path, assume: Assumptions) -> GraspDocument:
             raise FileFormatError("graspdata holds no .npy files")
         # All grasps of an export must be there; files of others, or without a count, may lie beside them.
         written = max(int(number(notes.get("n_grasps", 0), "n_grasps")) for notes in noted)
-        present = (mapping(notes.get("grasp")).get("number") for notes in noted)
-        lost = set(range(written)) - {row for row in present if isinstance(row, int)}
-        if lost:
-            count = f"it has {written - len(lost)} of the {written} grasps that were written"
-            raise FileFormatError(f"{count}; {_file_name(min(lost))} is lost")
+        rows_noted = [mapping(notes.get("grasp")).get("number") for notes in noted]
+        present = {i for i in rows_noted if isinstance(i, int) and 0 <= i < written}
+        if len(present) < written:
+            first = _FILE.format(next(i for i in range(written) if i not in present))
+            raise FileFormatError(f"it has {len(present)} of the {written} grasps that were written; {first} is lost")
     return _document(rows, noted, assume, BENCH)
 
 
@@ -163,7 +161,7 @@ def _batch(value: object, width: int, what: str) -> NDArray[np.float64]:
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FileFormatError(f"{what} is {shortened(repr(value))}, not {width} numbers") from error
+        raise FileFormatError(f"{what} is {doc.shown(value)}, not {width} numbers") from error
     if array.ndim > 2:
         raise FileFormatError(f"{what} is batched as {array.shape}; only ({width},) and (n, {width}) can be read")
     if array.ndim == 0 or array.shape[-1] != width:
@@ -171,10 +169,6 @@ def _batch(value: object, width: int, what: str) -> NDArray[np.float64]:
     for bad in array[~np.isfinite(array)][:1].tolist():
         number(bad, what)
     return array.reshape(-1, width)
-
-
-def _file_name(row: int) -> str:
-    return f"{row:06d}.npy"
 
 
 def write_net(path: Path, document: GraspDocument, options: ExportOptions) -> None:

@@ -218,9 +218,7 @@ def hand_of(head: Mapping[str, Any], given: Hand | None) -> Hand:
     """Choose the hand that a file is for: the one given, else the shipped one it names, else the Shadow Hand."""
     name, hand = _named_hand(head, given)
     if hand is None:
-        raise InputError(
-            f"these grasps are of hand {name!r}, which does not come with graspcascade; give its hand file (--hand)"
-        )
+        raise InputError(f"grasps of {name!r}, which does not come with graspcascade, need its hand file (--hand)")
     return hand
 
 
@@ -228,7 +226,7 @@ def _named_hand(head: Mapping[str, Any], given: Hand | None) -> tuple[str, Hand 
     """Read a hand's name from a header; with it the hand given, else the shipped one of that name, if there is one."""
     name = head.get("hand", _FIRST_HAND)
     if not isinstance(name, str):
-        raise FileFormatError(f"hand is {shortened(repr(name))}, not a name")
+        raise FileFormatError(f"hand is {shown(name)}, not a name")
     return name, hands.shipped_hand(name) if given is None else given
 
 
@@ -237,12 +235,8 @@ def to_document(
 ) -> GraspDocument:
     """Check the columns read from a file and make a document of them.
 
-    Args:
-        head: what the file says of itself, see `header`.
-        joint_names: names of the columns of angles.
-        columns: `LABELS`, `NUMBERS`, posture, pregrasp, position_m and quat_wxyz, one row a grasp.
-        objects: what the file says of its objects, by name.
-        hand: whose limits the angles must keep; by default the shipped hand that the file is for, if it is one.
+    The columns are `LABELS`, `NUMBERS`, `ANGLES` and `POSE_PARTS`, one row a grasp. Angles must keep the limits of the
+    hand, by default the shipped one that the file is for, if it is of such a hand.
     """
     name, hand = _named_hand(head, hand)
     try:
@@ -265,12 +259,10 @@ def facts(grasps: Grasps) -> Columns:
 
 
 def fact_rows(grasps: Grasps) -> list[dict[str, Any]]:
-    """List `facts` grasp by grasp, with None for unknown."""
-    columns = {
-        name: [None if isinstance(v, float) and math.isnan(v) else v for v in column.tolist()]
-        for name, column in facts(grasps).items()
-    }
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    """List `facts` grasp by grasp, with None for unknown, which is NaN there."""
+    columns = facts(grasps)
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [{key: None if v != v else v for key, v in zip(columns, row, strict=True)} for row in rows]
 
 
 def stack(rows: Sequence[Mapping[str, Any]], joint_names: Sequence[str]) -> Columns:
@@ -318,20 +310,27 @@ def mapping(value: object) -> Mapping[str, Any]:
     return value if isinstance(value, Mapping) else {}
 
 
+def shown(value: object) -> str:
+    """Write a value for a message, cut off where it is long."""
+    try:
+        return shortened(repr(value))
+    except ValueError:  # Python does not write integers of more than some thousand digits
+        return "a huge integer"
+
+
 def number(value: object, what: str) -> float:
     """Check a number."""
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         with contextlib.suppress(OverflowError):
             if math.isfinite(value):
                 return float(value)
-    raise FileFormatError(f"{what} is {shortened(repr(value))}, not a finite number")
+    raise FileFormatError(f"{what} is {shown(value)}, not a finite number")
 
 
 def numbers(values: object, length: int, what: str) -> list[float]:
     """Check a list of numbers."""
-    if isinstance(values, np.ndarray):
-        values = values.tolist()
-    if not isinstance(values, Sequence) or isinstance(values, str | bytes) or len(values) != length:
+    values = values.tolist() if isinstance(values, np.ndarray) else values
+    if not isinstance(values, list | tuple) or len(values) != length:
         raise FileFormatError(f"{what} is not a list of {length} numbers")
     return [number(value, what) for value in values]
 
@@ -376,13 +375,11 @@ def _keep_limits(columns: Columns, joint_names: Sequence[str], hand: Hand) -> tu
     for name in ANGLES:
         angles = columns[name]
         beyond = np.maximum(low - angles, angles - high)
-        if ((beyond > _FAR_RAD).sum(axis=1) >= _FAR_JOINTS).sum() * 2 > len(angles):
-            raise InputError(
-                f"in most grasps several angles of {name} are far beyond the limits of {hand.name}; they look like "
-                "degrees, or are of another hand"
-            )
-        columns[name] = np.where(beyond <= _ROUNDING_RAD, np.clip(angles, low, high), angles)
         over = beyond > _ROUNDING_RAD
+        if ((beyond > _FAR_RAD).sum(axis=1) >= _FAR_JOINTS).sum() * 2 > len(angles):
+            far = f"in most grasps several angles of {name} are far beyond the limits of {hand.name}"
+            raise InputError(f"{far}; they look like degrees, or are of another hand")
+        columns[name] = np.where(over, angles, np.clip(angles, low, high))
         if over.any():
             joints = ", ".join(
                 f"{joint_names[j]} {over[:, j].sum()} (by up to {beyond[:, j].max():.2g} rad)"

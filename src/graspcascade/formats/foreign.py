@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.errors import FileFormatError, InputError, shortened
+from ..core.errors import FileFormatError, InputError
 from ..core.objects import AXES, GraspObject, as_object
 from ..core.poses import Pose, quat_conjugate, rotate
 from ..core.records import objects_from_json
@@ -47,10 +47,8 @@ def check_joints(given: Sequence[str], needed: Sequence[str], hand: str) -> None
     """Check that grasps to be written have the joints of a hand."""
     missing = [name for name in needed if name not in given]
     if missing:
-        raise InputError(
-            f"the grasps lack joints of {hand}: {', '.join(missing)}; "
-            "only native files (.json, .parquet) can hold such grasps"
-        )
+        native = "only native files (.json, .parquet) can hold such grasps"
+        raise InputError(f"the grasps lack joints of {hand}: {', '.join(missing)}; {native}")
 
 
 def grasp_notes(document: GraspDocument) -> list[dict[str, Any]]:
@@ -69,10 +67,9 @@ def file_stems(tasks: Tasks) -> dict[str, str]:
 def object_files(path: Path, folder: Path, suffix: str, tasks: Tasks, what: str) -> Iterator[tuple[str, Path, Any]]:
     """List each object's name, file and rows: a file each in `folder`, or `path` itself if that is to be a file."""
     if not path.is_dir() and len(tasks.objects) != 1:
-        raise InputError(
-            f"{what} file holds the grasps of one object, these are of {len(tasks.objects)} "
-            f"({', '.join(tasks.objects) or 'none'}); a name without suffix makes a folder with a file for each"
-        )
+        given = f"these are of {len(tasks.objects)} ({', '.join(tasks.objects) or 'none'})"
+        folders = "a name without suffix makes a folder with a file for each"
+        raise InputError(f"{what} file holds the grasps of one object, {given}; {folders}")
     for name, stem in file_stems(tasks).items():
         rows = np.flatnonzero(tasks.object_name == name).tolist()
         yield name, folder / f"{stem}{suffix}" if path.is_dir() else path, rows
@@ -107,10 +104,8 @@ def pick_joints(angles: object, names: Sequence[str], what: str, numbering: int 
         only_zero, only_one = tuple(zero - set(names)), tuple(set(names) - zero)
         lowest = max((name for name in given if name.endswith(only_zero)), default=None)
         if lowest and not any(name.endswith(only_one) for name in given):
-            raise FileFormatError(
-                f"{what} has joints numbered from 0 ({lowest}), other joints than ours, numbered from 1; "
-                "state the numbering (joint_numbering=0, --joint-numbering 0)"
-            )
+            fault = f"{what} has joints numbered from 0 ({lowest}), other joints than ours, numbered from 1"
+            raise FileFormatError(f"{fault}; state the numbering (joint_numbering=0, --joint-numbering 0)")
     missing = [name for name in theirs.values() if name not in given]
     raise FileFormatError(f"{what} lacks joints of the hand: {', '.join(missing)}")
 
@@ -128,36 +123,32 @@ def scale_of(value: object, what: str) -> list[float]:
     """Read an object's scale, one number or one for each body axis."""
     parts = np.asarray(value, dtype=object).reshape(-1).tolist()
     if len(parts) not in (1, 3):
-        raise FileFormatError(f"{what} is {shortened(repr(value))}, not one number or three")
+        raise FileFormatError(f"{what} is {doc.shown(value)}, not one number or three")
     scale = [number(part, what) for part in parts] * (3 // len(parts))
     if min(scale) <= 0:
-        raise FileFormatError(f"{what} is {shortened(repr(value))}; a scale is above 0")
+        raise FileFormatError(f"{what} is {doc.shown(value)}; a scale is above 0")
     return scale
 
 
 def foreign_document(
     rows: list[ForeignGrasp], files: Sequence[Mapping[str, Any]], assume: Assumptions, hand: Hand
 ) -> GraspDocument:
-    """Make a document of what foreign files say.
-
-    Args:
-        rows: their grasps.
-        files: our own notes on each file, empty in a file of someone else's.
-        assume: what they do not say.
-        hand: whose joints the rows have.
-    """
+    """Make a document of rows with a hand's joints; `files` are our notes on each file, empty in someone else's."""
     if all("number" in row.notes for row in rows):
         rows = sorted(rows, key=lambda row: number(row.notes["number"], "number"))
     noted: dict[str, Any] = {}
     for name, about in ((name, about) for notes in files for name, about in mapping(notes.get("objects")).items()):
         if noted.setdefault(name, about) != about:
-            raise FileFormatError(f"its files describe object {shortened(repr(name))} in two ways")
+            raise FileFormatError(f"its files describe object {doc.shown(name)} in two ways")
     known = objects_from_json(noted)
     opened = doc.by_name(hand.joint_names, hand.pregrasp)
     objects, facts, odd = dict(known), [], 0
     for i, row in enumerate(rows):
         with place(f"grasp {i}"):
-            kind, obj, chance = _kind(row, assume), _object(row, known, assume), _chance(row)
+            named = row.notes.get("grasp_type", assume.grasp_type)
+            if named is None:
+                raise InputError("the file names no grasp type; say which (grasp_type=, --grasp-type)")
+            kind, obj, chance = as_type(str(named)), _object(row, known, assume), _chance(row)
             read = _facts(row, kind, obj, assume, hand)
         if chance is not None:
             read["probability"] = chance
@@ -174,13 +165,6 @@ def foreign_document(
     document = doc.to_document(head, hand.joint_names, columns, about, hand)
     note = f"the confidence of {odd} grasps is no chance between 0 and 1 and was left out"
     return replace(document, notes=(*document.notes, note)) if odd else document
-
-
-def _kind(row: ForeignGrasp, assume: Assumptions) -> GraspType:
-    name = row.notes.get("grasp_type", assume.grasp_type)
-    if name is None:
-        raise InputError("the file names no grasp type; say which (grasp_type=, --grasp-type)")
-    return as_type(str(name))
 
 
 def _object(row: ForeignGrasp, known: Mapping[str, GraspObject], assume: Assumptions) -> GraspObject:
@@ -216,9 +200,8 @@ def _chance(row: ForeignGrasp) -> float | None:
 def _facts(row: ForeignGrasp, kind: GraspType, obj: GraspObject, assume: Assumptions, hand: Hand) -> dict[str, Any]:
     axis = row.notes.get("side_axis", assume.side_axis)
     site = obj.site(_nearest_side(row, kind, obj, hand) if axis is None else str(axis))
-    facts: dict[str, Any] = {
-        name: math.nan if row.notes.get(name) is None else number(row.notes[name], name) for name in NUMBERS
-    }
+    facts: dict[str, Any] = dict.fromkeys(NUMBERS, math.nan)
+    facts |= {name: number(row.notes[name], name) for name in NUMBERS if row.notes.get(name) is not None}
     if math.isnan(facts["side_m"]) or tuple(row.scale) != _UNSCALED:
         facts["side_m"] = site.width_m
     return facts | {"grasp_type": kind.name, "object_label": obj.name, "side_axis": site.name}

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ..core.errors import FileFormatError, InputError, shortened
+from ..core.errors import FileFormatError, InputError
 from ..core.records import Columns, gather, gather_pose, spread, spread_pose
 from . import document as doc
 from .document import ANGLES, LABELS, NUMBERS, POSE_PARTS, UNKNOWABLE, Assumptions, ExportOptions, GraspDocument
@@ -63,7 +63,7 @@ def _row(row: object, joint_names: Sequence[str]) -> dict[str, Any]:
         raise FileFormatError("is not an object")
     for name in LABELS:
         if not isinstance(row[name], str):
-            raise FileFormatError(f"{name} is {shortened(repr(row[name]))}, not a name")
+            raise FileFormatError(f"{name} is {doc.shown(row[name])}, not a name")
     read: dict[str, Any] = {name: row[name] for name in LABELS}
     for name in NUMBERS:
         unknown = name in UNKNOWABLE and row[name] is None
@@ -131,8 +131,6 @@ def _pyarrow() -> tuple[Any, Any]:
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise InputError(
-            "Parquet files need pyarrow: install the extra 'train' "
-            "(in a checkout: pip install '.[train]'), or use .json"
-        ) from error
+        how = "install the extra 'train' (in a checkout: pip install '.[train]'), or use .json"
+        raise InputError(f"Parquet files need pyarrow: {how}") from error
     return pyarrow, pyarrow.parquet

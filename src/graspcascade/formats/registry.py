@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from ..core.errors import FileFormatError, InputError, unknown
 from ..core.yaml_files import YAML_SUFFIXES, yaml_files
 from .document import Assumptions, ExportOptions, GraspDocument
-
-_SNIFF_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -54,34 +52,22 @@ class GraspFormat:
 
     def read(self, path: Path, assume: Assumptions) -> GraspDocument:
         """Take a document out of a file or folder, see `load_document`."""
-        document: GraspDocument = self._function("read")(path, assume)
-        return document
+        return cast(GraspDocument, self._function("read")(path, assume))
 
     def writes_folder(self, path: Path) -> bool:
         """Tell whether a path names a folder to be made rather than a file."""
         return self.layout == "folder" or (self.layout == "either" and path.suffix.lower() not in self.suffixes)
 
-    def check_place(self, path: Path) -> None:
-        """Check that a file, or where the format makes one a new folder, can be put somewhere; else an InputError."""
-        if not self.writes_folder(path):
-            check_file_place(path)
-            return
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise InputError(f"{path} exists and is not an empty folder; give another name")
-        _check_parent(path)
-
     def _function(self, name: str) -> Any:
         return getattr(importlib.import_module(f".{self.module}", __package__), name + self.ending)
 
 
-def check_file_place(path: Path) -> None:
-    """Check that a file can be put somewhere; an InputError says that there is no such folder, or one of that name."""
-    if path.is_dir():
+def check_file_place(path: Path, folder: bool = False) -> None:
+    """Check that a file, or a new folder, can be put somewhere; an InputError says what is missing or in the way."""
+    if path.is_dir() and not folder:
         raise InputError(f"{path} is a folder; give the name of a file")
-    _check_parent(path)
-
-
-def _check_parent(path: Path) -> None:
+    if folder and path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"{path} exists and is not an empty folder; give another name")
     if not path.parent.is_dir():
         raise InputError(f"there is no folder {path.parent} to write {path.name} into")
 
@@ -149,7 +135,7 @@ def format_to_read(path: Path, name: str | None = None) -> GraspFormat:
         )
     if suffix in YAML_SUFFIXES and path.is_file():
         with path.open("rb") as file:
-            start = file.read(_SNIFF_BYTES)
+            start = file.read(4096)
         return FORMATS_BY_NAME["isaac_grasp" if b"isaac_grasp" in start else "moveit_grasp"]
     if suffix == ".npy" and path.is_file():
         from .dexgrasp import array_shape

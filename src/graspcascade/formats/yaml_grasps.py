@@ -8,6 +8,7 @@ describes the file. Nothing of ROS is needed to write or read them.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,6 @@ MOVEIT_CONVENTIONS = {
     "post_grasp_retreat": "upwards (z of the world) where poses are in the world, else the way the palm came",
     "post_place_retreat": "the way the palm came",
 }
-_COMMENT = "isaac_grasp 1.0: gripper poses in the object frame, metres and radians; quaternions w, xyz"
 
 
 def _to_write(
@@ -90,7 +90,7 @@ def write_isaac(path: Path, document: GraspDocument, options: ExportOptions) -> 
             "object_scale": 1.0,
             "grasps": {f"grasp_{i}": rows[i] for i in mine},
         }
-        dump_yaml(file, data, _COMMENT)
+        dump_yaml(file, data, "isaac_grasp 1.0: gripper poses in the object frame, metres, radians; quaternions w, xyz")
 
 
 def read_isaac(path: Path, assume: Assumptions) -> GraspDocument:
@@ -105,8 +105,9 @@ def read_isaac(path: Path, assume: Assumptions) -> GraspDocument:
         notes, frame = mapping(data.get(KEY)), _frame(data, "gripper_frame")
         files.append(notes)
         hand = doc.hand_of(notes, assume.hand)
-        if str(data.get("format_version")) not in ("1", "1.0"):
-            raise FileFormatError(f"has format_version {data.get('format_version')!r}; this version reads 1.0")
+        schema = doc.shown(data.get("format_version"))
+        if schema.strip("'") not in ("1", "1.0"):
+            raise FileFormatError(f"has format_version {schema}; this version reads 1.0")
         if not isinstance(data.get("grasps"), Mapping):
             raise FileFormatError("grasps is not a mapping of grasps by name")
         if frame is not None and not frame.endswith(hand.body):
@@ -127,13 +128,10 @@ def _grasp(row: object, data: Mapping[str, Any], notes: Mapping[str, Any], hand:
     xyz = turned.get("xyz")
     quat = [doc.number(turned.get("w"), "orientation w"), *(xyz if isinstance(xyz, list) else [])]
     gripper = doc.pose_of(row.get("position"), quat, "gripper")
-
-    def joints(angles: object, what: str) -> dict[str, float]:
-        return foreign.pick_joints(angles, hand.joint_names, what, numbering)
-
+    joints = partial(foreign.pick_joints, names=hand.joint_names, numbering=numbering)
     return ForeignGrasp(
-        joints(row.get("cspace_position"), "cspace_position"),
-        None if opened is None and not notes else joints(opened, "pregrasp_cspace_position"),
+        joints(row.get("cspace_position"), what="cspace_position"),
+        None if opened is None and not notes else joints(opened, what="pregrasp_cspace_position"),
         (gripper @ hand.X_body_hand).inverse(),
         _frame(data, "object_frame"),
         foreign.scale_of(row.get("object_scale", data.get("object_scale", 1.0)), "object_scale"),
