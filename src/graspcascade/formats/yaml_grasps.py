@@ -90,7 +90,8 @@ def write_isaac(path: Path, document: GraspDocument, options: ExportOptions) -> 
             "object_scale": 1.0,
             "grasps": {f"grasp_{i}": rows[i] for i in mine},
         }
-        dump_yaml(file, data, "isaac_grasp 1.0: gripper poses in the object frame, metres, radians; quaternions w, xyz")
+        comment = "isaac_grasp 1.0: gripper poses in the object frame, metres and radians; quaternions w, xyz"
+        dump_yaml(file, data, comment)
 
 
 def read_isaac(path: Path, assume: Assumptions) -> GraspDocument:
