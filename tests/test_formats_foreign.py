@@ -508,6 +508,30 @@ def test_a_batch_that_does_not_fit_together_is_refused(
     assert len(str(caught.value).splitlines()) == 1
 
 
+@pytest.mark.parametrize("digits", [400, 5000], ids=["that no float holds", "that Python does not write"])
+@pytest.mark.parametrize("key", ["grasp_qpos", "obj_pose", "obj_scale"])
+def test_an_endless_integer_in_a_row_is_refused_with_its_place(
+    grasps: Grasps, tmp_path: Path, key: str, digits: int
+) -> None:
+    row, huge = batch(tmp_path, grasps[:1]), 10**digits
+    row[key] = huge if key == "obj_scale" else [huge, *np.ravel(row[key])[1:]]
+    with pytest.raises(FileFormatError, match=rf"theirs\.npy: {key} is (\[?10+\.\.\.|a huge integer), not") as caught:
+        bench_grasps(tmp_path, row)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_an_endless_integer_in_yaml_is_refused_with_its_place(grasps: Grasps, tmp_path: Path) -> None:
+    path = save(tmp_path, "isaac_grasp", grasps)
+    text, huge = path.read_text(), "0x1" + "0" * 5000
+    for given, word in (
+        ("object_scale: 1.0", "grasp_0: object_scale is a huge integer, not a finite number"),
+        ("format_version: 1.0", "has format_version a huge integer; this version reads 1.0"),
+    ):
+        path.write_text(text.replace(given, f"{given.split()[0]} {huge}"))
+        with pytest.raises(FileFormatError, match=word):
+            load_grasps(path)
+
+
 # -- units and limits
 
 

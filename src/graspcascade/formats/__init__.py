@@ -11,9 +11,8 @@ from ..core.files import write_folder_staged, write_staged
 from ..core.grasps import Grasps
 from ..core.poses import Pose
 from ..hands import Hand
-from .document import SCHEMA_VERSION, GraspDocument, place
+from .document import SCHEMA_VERSION, Assumptions, ExportOptions, GraspDocument, held_rates, place
 from .native import document_to_json
-from .options import Assumptions, ExportOptions, held_rates
 from .registry import FORMATS, FORMATS_BY_NAME, GraspFormat, check_file_place, format_to_read, format_to_write
 
 __all__ = [
@@ -60,8 +59,8 @@ def save_grasps(
     """
     path = Path(path)
     chosen = format_to_write(path, format)
-    chosen.check_place(path)
-    options = (ExportOptions() if options is None else options).with_rates_of(metadata)
+    check_file_place(path, chosen.writes_folder(path))
+    options = (options or ExportOptions()).with_rates_of(metadata)
     if chosen.contact and options.outcomes is None and options.contact == "settled" and len(grasps):
         raise InputError(
             f"{chosen.name} states the hand in contact, which only a trial tells: give outcomes=run_trials(grasps), or "
@@ -69,11 +68,11 @@ def save_grasps(
         )
     if options.outcomes is not None and len(options.outcomes) != len(grasps):
         raise InputError(f"there are {len(options.outcomes)} outcomes for {len(grasps)} grasps")
-    document = GraspDocument(grasps, metadata, X_world_object)
-    stage = write_folder_staged if chosen.writes_folder(path) else write_staged
     if chosen.layout == "folder" and options.object_root is None:
         # Objects are named by where they will be, not by where they are staged.
         options = replace(options, object_root=str(path.resolve() / "objects"))
+    document = GraspDocument(grasps, metadata, X_world_object)
+    stage = write_folder_staged if chosen.writes_folder(path) else write_staged
     stage(path, lambda staged: chosen.write(staged, document, options))
 
 
@@ -91,7 +90,7 @@ def load_document(
 
     Args:
         path: what to read.
-        format: a name of `FORMATS_BY_NAME`; by default found from the suffix and content.
+        format: a name of `FORMATS_BY_NAME`; by default told from the suffix and content.
         trust_pickle: read pickled files, which run whatever code they carry: only from a source you trust.
         assume: what foreign files do not say of their grasps.
 
@@ -104,20 +103,15 @@ def load_document(
     if not path.is_file() and not (path.is_dir() and chosen.layout != "file"):
         raise InputError(f"there is no file {path}")
     if chosen.pickled and not trust_pickle:
-        raise InputError(
-            f"{path} holds pickled Python objects, and reading those runs whatever code the file carries; if you trust "
-            "where it comes from, pass trust_pickle=True (--trust-pickle on the command line)"
-        )
+        risk = "pickled Python objects, and reading those runs whatever code the file carries"
+        trust = "if you trust where it comes from, pass trust_pickle=True (--trust-pickle on the command line)"
+        raise InputError(f"{path} holds {risk}; {trust}")
     with place(str(path)):
-        return chosen.read(path, Assumptions() if assume is None else assume)
+        return chosen.read(path, assume or Assumptions())
 
 
 def load_executable(path: Path | str, hand: Hand, *, trust_pickle: bool = False) -> GraspDocument:
-    """Read a file of grasps that a hand is to execute; see `load_document`.
-
-    Raises:
-        InputError: it holds no grasps or lacks joints of the hand.
-    """
+    """Read a file of grasps for a hand to execute; an InputError says that it has none, or lacks joints of the hand."""
     document = load_document(path, trust_pickle=trust_pickle, assume=Assumptions(hand=hand))
     if not len(document.grasps):
         raise InputError(f"{path} holds no grasps")
@@ -128,10 +122,5 @@ def load_executable(path: Path | str, hand: Hand, *, trust_pickle: bool = False)
 
 
 def check_target(path: Path | str, format: str | None = None) -> None:
-    """Check, before any work is done for it, that grasps can be written under a name.
-
-    Raises:
-        InputError: an unknown format or suffix, no such folder, or something in the way.
-    """
-    path = Path(path)
-    format_to_write(path, format).check_place(path)
+    """Check, before any work is done for it, that grasps can be written under a name; else an InputError."""
+    check_file_place(Path(path), format_to_write(Path(path), format).writes_folder(Path(path)))

@@ -1,4 +1,4 @@
-"""`GraspDocument`, the header that every file of ours carries, and the checks on what is read and written."""
+"""What is read and written: `GraspDocument`, what a caller may say of one, the header of every file, and the checks."""
 
 from __future__ import annotations
 
@@ -6,20 +6,25 @@ import contextlib
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import hands  # not its functions: those load what reads hand files, which sampling does not need
-from ..core.errors import FileFormatError, InputError
-from ..core.errors import shortened as cut
+from ..core.errors import FileFormatError, InputError, check_name, shortened
 from ..core.grasps import Grasps
+from ..core.objects import CATALOGUE, GraspObject
+from ..core.outcomes import Outcomes
 from ..core.poses import Pose
-from ..core.records import objects_to_json, read_tasks
-from ..hands import Hand
+from ..core.records import Columns, objects_to_json, read_tasks
+from ..core.tasks import Task
+from ..hands import Hand, is_left
+
+if TYPE_CHECKING:
+    from ..studies.record import Evaluation
 
 SCHEMA_VERSION = 1
 KIND = "graspcascade grasps"
@@ -27,6 +32,13 @@ LABELS = ("grasp_type", "object_label", "side_axis")
 NUMBERS = ("side_m", "grasp_size_m", "object_size_m", "probability")
 UNKNOWABLE = NUMBERS[1:]
 """Columns in which not-a-number means unknown; files hold null there."""
+ANGLES, POSE_PARTS = ("posture", "pregrasp"), {"position_m": 3, "quat_wxyz": 4}
+_CHOICES: Mapping[str, tuple[str, ...]] = {
+    "parent_link": ("forearm", "palm"),
+    "frame_keys": ("frame", "frame_link"),
+    "contact": ("settled", "target"),
+    "joint_numbering": ("0", "1"),
+}
 _FIRST_HAND = "shadow_hand_right"
 """Hand of files that do not say: the only one there was when these were written."""
 _FURTHEST_M, _FURTHEST_IN_WORLD_M = 1.0, 1e7
@@ -38,16 +50,13 @@ FRAMES = {
     "X_world_hand": "pose of the hand frame in the world, present where an object pose in the world was given",
 }
 
-Columns = dict[str, NDArray[Any]]
-
 
 @dataclass(frozen=True)
 class GraspDocument:
     """Hold a grasp file's content.
 
     Attributes:
-        grasps: the grasps.
-        metadata: where they come from, as their writer put it.
+        metadata: where the grasps come from, as their writer put it.
         X_world_object: object pose in the world that the hand poses were worked out for, None where there was none.
         notes: what a reader should be told of the file, such as angles beyond the hand's limits; one line each.
     """
@@ -58,9 +67,110 @@ class GraspDocument:
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class ExportOptions:
+    """Say what other formats have a place for and grasps do not carry; a format ignores what it has no place for.
+
+    Attributes:
+        held_rates: held rates in [0, 1] by grasp type and object name, for grasps without a probability of their own.
+        outcomes: trials of these very grasps, in their order; gives the joints and the object's pose in contact.
+        contact: what formats of a hand in contact state: ``settled`` as in `outcomes`, or ``target``, which lies a
+            little inside the object.
+        frame_id: name of the frame that MoveIt poses are in; by default ``world`` where the object's pose in the world
+            is known and the object's name where it is not; empty for the object's own frame.
+        frame_keys: whether isaac_grasp says ``object_frame`` or ``object_frame_link``, and the same of the gripper.
+        parent_link: link whose pose a MoveIt grasp states; with ``forearm`` the wrist joints are listed, at zero. A
+            hand without a wrist has its palm only.
+        joint_prefix: put before link and joint names, such as ``rh_``.
+        joint_numbering: 1, or 0 to name joints as older Shadow models do, whose ``FFJ3`` is ``FFJ4`` here; angles stay.
+        approach_m: length of the approach before closing, metres.
+        retreat_m: length of the retreat after closing, metres.
+        object_root: folder that object paths are written under; by default the exported folder's own, absolute.
+        hand: the hand; by default the shipped one that the grasps are for.
+
+    Raises:
+        InputError: a rate outside [0, 1], a negative length, a left hand's prefix or an unknown choice.
+    """
+
+    held_rates: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    outcomes: Outcomes | None = None
+    contact: Literal["settled", "target"] = "settled"
+    frame_id: str | None = None
+    frame_keys: Literal["frame", "frame_link"] = "frame"
+    parent_link: Literal["forearm", "palm"] = "forearm"
+    joint_prefix: str = ""
+    joint_numbering: Literal[0, 1] = 1
+    approach_m: float = 0.1
+    retreat_m: float = 0.1
+    object_root: str | None = None
+    hand: Hand | None = None
+
+    def __post_init__(self) -> None:
+        if any(not 0 <= rate <= 1 for rate in self.held_rates.values()):
+            raise InputError("a held rate must lie between 0 and 1")
+        if not (0 <= self.approach_m < np.inf and 0 <= self.retreat_m < np.inf):
+            raise InputError(f"approach and retreat must be lengths, got {self.approach_m} m and {self.retreat_m} m")
+        if is_left(self.joint_prefix):
+            raise InputError(f"joint prefix {self.joint_prefix!r} is of a left hand; all hands here are right ones")
+        for name, choices in _CHOICES.items():
+            check_name(name, str(getattr(self, name)), choices)
+
+    def confidence(self, grasps: Grasps) -> NDArray[np.float64]:
+        """Find each grasp's own probability ``(n,)``, else the held rate of its type and object, else NaN."""
+
+        def rate(task: Task) -> float:
+            # Rates are of the catalogue's objects; a file may give one's name to an object of another size.
+            known = CATALOGUE.get(task.object.name, task.object) == task.object
+            return self.held_rates.get((task.grasp_type.name, task.object.name), np.nan) if known else np.nan
+
+        return np.where(np.isnan(grasps.probability), grasps.tasks.column(rate, np.float64), grasps.probability)
+
+    def with_rates_of(self, metadata: Mapping[str, Any]) -> ExportOptions:
+        """Add the measured rates that a document's metadata carries (see `GraspSampler.measured`); own rates win."""
+        try:
+            carried = {
+                (kind, name): float(cell["held"]) / float(cell["n"])
+                for key, cell in dict(metadata.get("measured", {})).items()
+                for kind, name in [key.split("/")]
+            }
+            return replace(self, held_rates=carried | dict(self.held_rates))
+        except (TypeError, ValueError, KeyError, ZeroDivisionError):
+            return self  # metadata is free-form: what does not read as rates is none
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """Say of every grasp in a foreign file what the file itself does not.
+
+    Attributes:
+        grasp_type: name of a grasp type.
+        object: what the file's object is, or its spelling, at the size it has; for files that name none we know.
+        side_axis: body axis it is held by; None takes the side nearest to the opposition axis.
+        joint_numbering: number of the outermost joints in the file's names, 0 in files for older Shadow models.
+        hand: the hand; by default the shipped one that the file is for, or the Shadow Hand where it does not say.
+
+    Raises:
+        InputError: an unknown joint numbering.
+    """
+
+    grasp_type: str | None = None
+    object: GraspObject | str | None = None
+    side_axis: str | None = None
+    joint_numbering: Literal[0, 1] = 1
+    hand: Hand | None = None
+
+    def __post_init__(self) -> None:
+        check_name("joint_numbering", str(self.joint_numbering), _CHOICES["joint_numbering"])
+
+
+def held_rates(evaluation: Evaluation) -> dict[tuple[str, str], float]:
+    """Read the held rates of an evaluation's cells by grasp type and object name."""
+    return {(cell.grasp_type, cell.object_label): cell.held_rate.rate for cell in evaluation.cells if cell.n}
+
+
 def header(document: GraspDocument) -> dict[str, Any]:
-    """Say what a reader needs besides the grasps themselves."""
-    grasps = document.grasps
+    """Collect what a reader needs besides the grasps themselves."""
+    grasps, pose = document.grasps, document.X_world_object
     _check_values(grasps.columns() | {"side_m": grasps.side_m})
     try:
         json.dumps(document.metadata, allow_nan=False)
@@ -78,12 +188,9 @@ def header(document: GraspDocument) -> dict[str, Any]:
         "objects": objects_to_json(grasps.tasks),
         "metadata": document.metadata,
     }
-    if document.X_world_object is not None:
-        pose = document.X_world_object
-        try:
+    if pose is not None:
+        with place("X_world_object"):
             _one_pose(pose.position_m, pose.quat_wxyz)
-        except InputError as error:
-            raise InputError(f"X_world_object: {error}") from error
         head["X_world_object"] = pose_to_json(pose)
     return head
 
@@ -93,38 +200,34 @@ def check_header(head: object) -> dict[str, Any]:
     if not isinstance(head, dict) or head.get("kind") != KIND:
         raise FileFormatError("not a graspcascade grasp file")
     names: Any = head.get("joint_names")
+    schema, order = head.get("schema_version"), head.get("quaternion_order")
     listed = isinstance(names, list) and bool(names) and all(isinstance(name, str) for name in names)
-    version_read, order = head.get("schema_version"), head.get("quaternion_order")
     faults = {
-        f"has schema version {version_read!r}; this version reads {SCHEMA_VERSION}": version_read != SCHEMA_VERSION,
+        f"has schema version {schema!r}; this version reads {SCHEMA_VERSION}": schema != SCHEMA_VERSION,
         "joint_names is not a list of names": not listed,
         "joint_names names a joint twice": listed and len(set(names)) < len(names),
         f"quaternion_order is {order!r}; only 'wxyz' can be read": order != "wxyz",
         "metadata is missing": not isinstance(head.get("metadata"), dict),
     }
-    for fault, present in faults.items():
-        if present:
-            raise FileFormatError(fault)
+    for fault in (fault for fault, present in faults.items() if present):
+        raise FileFormatError(fault)
     return head
-
-
-def hand_name(head: Mapping[str, Any]) -> str:
-    """Read the name of the hand from a header."""
-    name = head.get("hand", _FIRST_HAND)
-    if not isinstance(name, str):
-        raise FileFormatError(f"hand is {shortened(name)}, not a name")
-    return name
 
 
 def hand_of(head: Mapping[str, Any], given: Hand | None) -> Hand:
     """Choose the hand that a file is for: the one given, else the shipped one it names, else the Shadow Hand."""
-    name = hand_name(head)
-    hand = hands.shipped_hand(name) if given is None else given
+    name, hand = _named_hand(head, given)
     if hand is None:
-        raise InputError(
-            f"these grasps are of hand {name!r}, which does not come with graspcascade; give its hand file (--hand)"
-        )
+        raise InputError(f"grasps of {name!r}, which does not come with graspcascade, need its hand file (--hand)")
     return hand
+
+
+def _named_hand(head: Mapping[str, Any], given: Hand | None) -> tuple[str, Hand | None]:
+    """Read a hand's name from a header; with it the hand given, else the shipped one of that name, if there is one."""
+    name = head.get("hand", _FIRST_HAND)
+    if not isinstance(name, str):
+        raise FileFormatError(f"hand is {shown(name)}, not a name")
+    return name, hands.shipped_hand(name) if given is None else given
 
 
 def to_document(
@@ -132,15 +235,10 @@ def to_document(
 ) -> GraspDocument:
     """Check the columns read from a file and make a document of them.
 
-    Args:
-        head: what the file says of itself, see `header`.
-        joint_names: names of the columns of angles.
-        columns: `LABELS`, `NUMBERS`, posture, pregrasp, position_m and quat_wxyz, one row a grasp.
-        objects: what the file says of its objects, by name.
-        hand: whose limits the angles must keep; by default the shipped hand that the file is for, if it is one.
+    The columns are `LABELS`, `NUMBERS`, `ANGLES` and `POSE_PARTS`, one row a grasp. Angles must keep the limits of the
+    hand, by default the shipped one that the file is for, if it is of such a hand.
     """
-    name = hand_name(head)
-    hand = hands.shipped_hand(name) if hand is None else hand
+    name, hand = _named_hand(head, hand)
     try:
         _check_values(columns)
         notes = () if hand is None else _keep_limits(columns, joint_names, hand)
@@ -149,7 +247,7 @@ def to_document(
     kinds, names, axes = (columns[label] for label in LABELS)
     tasks = read_tasks(kinds, names, axes, columns["side_m"], objects)
     pose = _exact_pose(columns["position_m"], columns["quat_wxyz"])
-    numbers = {key: columns[key] for key in ("posture", "pregrasp", "position_m", *UNKNOWABLE)}
+    numbers = {key: columns[key] for key in (*ANGLES, "position_m", *UNKNOWABLE)}
     grasps = Grasps.from_columns(name, joint_names, tasks, numbers | {"quat_wxyz": pose.quat_wxyz})
     return GraspDocument(grasps, dict(mapping(head.get("metadata"))), world_pose(head), notes)
 
@@ -161,24 +259,27 @@ def facts(grasps: Grasps) -> Columns:
 
 
 def fact_rows(grasps: Grasps) -> list[dict[str, Any]]:
-    """List `facts` grasp by grasp, with None for unknown."""
-    columns = {
-        name: [None if isinstance(v, float) and math.isnan(v) else v for v in column.tolist()]
-        for name, column in facts(grasps).items()
-    }
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    """List `facts` grasp by grasp, with None for unknown, which is NaN there."""
+    columns = facts(grasps)
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [{key: None if v != v else v for key, v in zip(columns, row, strict=True)} for row in rows]
 
 
 def stack(rows: Sequence[Mapping[str, Any]], joint_names: Sequence[str]) -> Columns:
     """Make columns of rows, each a mapping of `LABELS`, `NUMBERS`, angles by joint name and a pose's parts."""
     columns: Columns = {name: np.array([row[name] for row in rows], dtype=str) for name in LABELS}
     columns |= {name: np.array([row[name] for row in rows], dtype=np.float64) for name in NUMBERS}
-    for name in ("posture", "pregrasp"):
+    for name in ANGLES:
         angles = [[row[name][joint] for joint in joint_names] for row in rows]
-        columns[name] = np.array(angles, dtype=np.float64).reshape(len(rows), len(joint_names))
-    for name, width in (("position_m", 3), ("quat_wxyz", 4)):
-        columns[name] = np.array([row[name] for row in rows], dtype=np.float64).reshape(len(rows), width)
+        columns[name] = np.array(angles, dtype=np.float64).reshape(-1, len(joint_names))
+    for name, width in POSE_PARTS.items():
+        columns[name] = np.array([row[name] for row in rows], dtype=np.float64).reshape(-1, width)
     return columns
+
+
+def by_name(names: Sequence[str], angles: NDArray[np.float64]) -> dict[str, float]:
+    """List one grasp's angles ``(J,)`` by the names of its joints."""
+    return dict(zip(names, angles.tolist(), strict=True))
 
 
 def pose_to_json(pose: Pose, row: Any = ()) -> dict[str, list[float]]:
@@ -189,11 +290,9 @@ def pose_to_json(pose: Pose, row: Any = ()) -> dict[str, list[float]]:
 def world_pose(head: Mapping[str, Any]) -> Pose | None:
     """Read the object pose in the world from a header."""
     stored = head.get("X_world_object")
-    if stored is None:
-        return None
     try:
-        return _one_pose(stored["position_m"], stored["quat_wxyz"])
-    except (InputError, KeyError, TypeError) as error:
+        return None if stored is None else _one_pose(stored["position_m"], stored["quat_wxyz"])
+    except (InputError, KeyError, TypeError, OverflowError) as error:
         raise FileFormatError(f"X_world_object is damaged ({error})") from error
 
 
@@ -211,22 +310,27 @@ def mapping(value: object) -> Mapping[str, Any]:
     return value if isinstance(value, Mapping) else {}
 
 
+def shown(value: object) -> str:
+    """Write a value for a message, cut off where it is long."""
+    try:
+        return shortened(repr(value))
+    except ValueError:  # Python does not write integers of more than some thousand digits
+        return "a huge integer"
+
+
 def number(value: object, what: str) -> float:
     """Check a number."""
-    read = math.nan
-    if isinstance(value, int | float | np.number) and not isinstance(value, bool | np.complexfloating):
+    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         with contextlib.suppress(OverflowError):
-            read = float(value)
-    if not math.isfinite(read):
-        raise FileFormatError(f"{what} is {shortened(value)}, not a finite number")
-    return read
+            if math.isfinite(value):
+                return float(value)
+    raise FileFormatError(f"{what} is {shown(value)}, not a finite number")
 
 
 def numbers(values: object, length: int, what: str) -> list[float]:
     """Check a list of numbers."""
-    if isinstance(values, np.ndarray):
-        values = values.tolist()
-    if not isinstance(values, Sequence) or isinstance(values, str | bytes) or len(values) != length:
+    values = values.tolist() if isinstance(values, np.ndarray) else values
+    if not isinstance(values, list | tuple) or len(values) != length:
         raise FileFormatError(f"{what} is not a list of {length} numbers")
     return [number(value, what) for value in values]
 
@@ -240,14 +344,9 @@ def pose_of(position_m: object, quat_wxyz: object, what: str) -> Pose:
         raise FileFormatError(f"{what}: {error}") from error
 
 
-def shortened(value: object) -> str:
-    """Write a value for a message, cut off where it is long."""
-    return cut(repr(value))
-
-
 def _check_values(columns: Mapping[str, NDArray[Any]]) -> None:
     """Check the numbers of grasps that are read or written, whatever their hand."""
-    for name in ("posture", "pregrasp", "position_m", "quat_wxyz", "side_m"):
+    for name in (*ANGLES, *POSE_PARTS, "side_m"):
         rows = np.isfinite(columns[name]).all(axis=tuple(range(1, columns[name].ndim)))
         _refuse(~rows, f"{name} is not finite")
     for name in UNKNOWABLE:
@@ -258,11 +357,11 @@ def _check_values(columns: Mapping[str, NDArray[Any]]) -> None:
         what = f"{name} is {{:g}}, but lengths are metres; this looks like centimetres or millimetres"
         _refuse(columns[name] > _FURTHEST_M, what, columns[name])
     with np.errstate(over="ignore"):  # what is too large for a float is refused like anything else
-        distance, norm = (np.linalg.norm(columns[name], axis=1) for name in ("position_m", "quat_wxyz"))
+        distance, norm = (np.linalg.norm(columns[name], axis=1) for name in POSE_PARTS)
     what = "the object's centre is {:g} m from the palm, but lengths are metres; these look like millimetres"
     _refuse(distance > _FURTHEST_M, what, distance)
     _refuse(np.abs(norm - 1.0) > 1e-3, "the quaternion (qw qx qy qz) must have norm 1, got norm {:.4g}", norm)
-    for name in ("posture", "pregrasp"):
+    for name in ANGLES:
         largest = np.abs(columns[name]).max(axis=1, initial=0.0)
         what = f"{name} has an angle of {{:g}}, but angles are radians; this looks like degrees"
         _refuse(largest > 2 * np.pi, what, largest)
@@ -273,16 +372,14 @@ def _keep_limits(columns: Columns, joint_names: Sequence[str], hand: Hand) -> tu
     limits = dict(zip(hand.joint_names, zip(hand.lower_rad, hand.upper_rad, strict=True), strict=True))
     low, high = np.array([limits.get(name, (-np.inf, np.inf)) for name in joint_names]).reshape(-1, 2).T
     notes = []
-    for name in ("posture", "pregrasp"):
+    for name in ANGLES:
         angles = columns[name]
         beyond = np.maximum(low - angles, angles - high)
-        if ((beyond > _FAR_RAD).sum(axis=1) >= _FAR_JOINTS).sum() * 2 > len(angles):
-            raise InputError(
-                f"in most grasps several angles of {name} are far beyond the limits of {hand.name}; they look like "
-                "degrees, or are of another hand"
-            )
-        columns[name] = np.where(beyond <= _ROUNDING_RAD, np.clip(angles, low, high), angles)
         over = beyond > _ROUNDING_RAD
+        if ((beyond > _FAR_RAD).sum(axis=1) >= _FAR_JOINTS).sum() * 2 > len(angles):
+            far = f"in most grasps several angles of {name} are far beyond the limits of {hand.name}"
+            raise InputError(f"{far}; they look like degrees, or are of another hand")
+        columns[name] = np.where(over, angles, np.clip(angles, low, high))
         if over.any():
             joints = ", ".join(
                 f"{joint_names[j]} {over[:, j].sum()} (by up to {beyond[:, j].max():.2g} rad)"
@@ -294,8 +391,7 @@ def _keep_limits(columns: Columns, joint_names: Sequence[str], hand: Hand) -> tu
 
 
 def _refuse(rows: NDArray[np.bool_], what: str, values: NDArray[np.float64] | None = None) -> None:
-    if rows.any():
-        row = int(np.argmax(rows))
+    for row in np.flatnonzero(rows)[:1].tolist():
         raise InputError(f"grasp {row}: {what if values is None else what.format(values[row])}")
 
 

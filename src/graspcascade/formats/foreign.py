@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.errors import FileFormatError, InputError
-from ..core.grasps import Grasps
 from ..core.objects import AXES, GraspObject, as_object
 from ..core.poses import Pose, quat_conjugate, rotate
 from ..core.records import objects_from_json
@@ -24,86 +23,37 @@ from ..core.tasks import Tasks
 from ..core.taxonomy import GraspType, as_type
 from ..hands import Hand, is_left
 from . import document as doc
-from .document import NUMBERS, GraspDocument, hand_of, mapping, number, place, shortened
-from .options import Assumptions, ExportOptions
+from .document import NUMBERS, Assumptions, GraspDocument, mapping, number, place
 
 KEY = "graspcascade"
 _NUMBERED = re.compile(r"(.*J)([1-9])")
+_UNSCALED = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
 class ForeignGrasp:
-    """Hold one grasp as a file of another format tells it.
+    """Hold one grasp as a file of another format tells it; None is what it does not say."""
 
-    Attributes:
-        posture: target angles by our joint names, radians.
-        pregrasp: open hand before closing likewise; None where the format has no such thing.
-        X_hand_object: object pose in the hand frame, ``(3,)`` and ``(4,)``.
-        object_name: what the file calls the object, None where it does not say.
-        scale: by which the file scales that object, along its body axes.
-        confidence: what the file gives as chance to hold, None where it has no such thing.
-        notes: our own notes on it, empty in a file of someone else's.
-    """
-
-    posture: Mapping[str, float]
-    pregrasp: Mapping[str, float] | None
-    X_hand_object: Pose
+    posture: Mapping[str, float]  # target angles by our joint names, radians
+    pregrasp: Mapping[str, float] | None  # open hand before closing, likewise
+    X_hand_object: Pose  # object in the hand frame, (3,) and (4,)
     object_name: str | None = None
-    scale: Sequence[float] = (1.0, 1.0, 1.0)
-    confidence: object = None
-    notes: Mapping[str, Any] = field(default_factory=dict)
-
-
-# -- writing
-
-
-def joints_to_write(grasps: Grasps, options: ExportOptions) -> tuple[Hand, list[int], dict[str, str]]:
-    """Choose the hand of an export, the columns of its joints, and their names in the file by ours, wrist first."""
-    hand = hand_of({"hand": grasps.hand}, options.hand)
-    check_joints(grasps.joint_names, hand.joint_names, hand.name)
-    names = numbered((*hand.wrist_joints, *hand.joint_names), options.joint_numbering)
-    written = {name: options.joint_prefix + other for name, other in names.items()}
-    return hand, hand.columns_in(grasps.joint_names), written
+    scale: Sequence[float] = _UNSCALED  # of the object of that name, along its body axes
+    confidence: object = None  # what the file gives as chance to hold
+    notes: Mapping[str, Any] = field(default_factory=dict)  # our own, empty in a file of someone else's
 
 
 def check_joints(given: Sequence[str], needed: Sequence[str], hand: str) -> None:
     """Check that grasps to be written have the joints of a hand."""
     missing = [name for name in needed if name not in given]
     if missing:
-        raise InputError(
-            f"the grasps lack joints of {hand}: {', '.join(missing)}; "
-            "only native files (.json, .parquet) can hold such grasps"
-        )
+        native = "only native files (.json, .parquet) can hold such grasps"
+        raise InputError(f"the grasps lack joints of {hand}: {', '.join(missing)}; {native}")
 
 
-def check_shadow(hand: str, joint_names: Sequence[str], shadow_joints: Sequence[str], what: str) -> None:
-    """Check that grasps to be written, or the hand to read some for, have joints of the Shadow Hand."""
-    if not set(joint_names) & set(shadow_joints):
-        raise InputError(f"{what} files are of the Shadow Hand only, not of {hand}; use isaac_grasp or moveit_grasp")
-    check_joints(joint_names, shadow_joints, "shadow_hand_right")
-
-
-def file_notes(document: GraspDocument, conventions: Mapping[str, str], numbering: int = 1) -> dict[str, Any]:
-    """Collect the notes on a whole file: the native header, and the frames and orders of the format it is in."""
-    renumbered = {} if numbering else {"joint_numbering": 0}
-    return doc.header(document) | {"conventions": dict(conventions)} | renumbered
-
-
-def grasp_notes(document: GraspDocument, confidence: NDArray[np.float64] | None = None) -> list[dict[str, Any]]:
-    """Collect the notes on each grasp: number, labels, sizes and its own chance, and what the file says as chance."""
-    return [
-        {"number": i} | row | ({} if confidence is None else {"confidence": float(confidence[i])})
-        for i, row in enumerate(doc.fact_rows(document.grasps))
-    ]
-
-
-def contact_notes(document: GraspDocument, measured: NDArray[np.bool_]) -> list[dict[str, Any]]:
-    """Collect the notes on grasps that a file has in contact: also if measured, and where the object was at first."""
-    placed = document.grasps.X_hand_object
-    return [
-        row | {"contact_measured": bool(measured[i]), "placed": doc.pose_to_json(placed, i)}
-        for i, row in enumerate(grasp_notes(document))
-    ]
+def grasp_notes(document: GraspDocument) -> list[dict[str, Any]]:
+    """Collect our notes on each grasp: number, labels, sizes and its own chance to hold."""
+    return [{"number": i} | row for i, row in enumerate(doc.fact_rows(document.grasps))]
 
 
 def file_stems(tasks: Tasks) -> dict[str, str]:
@@ -114,17 +64,15 @@ def file_stems(tasks: Tasks) -> dict[str, str]:
     return stems
 
 
-def only_object(tasks: Tasks, what: str) -> None:
-    """Check that grasps for a file of one object are of one."""
-    names = list(tasks.objects)
-    if len(names) != 1:
-        raise InputError(
-            f"{what} file holds the grasps of one object, these are of {len(names)} ({', '.join(names) or 'none'}); "
-            "a name without suffix makes a folder with a file for each"
-        )
-
-
-# -- joints
+def object_files(path: Path, folder: Path, suffix: str, tasks: Tasks, what: str) -> Iterator[tuple[str, Path, Any]]:
+    """List each object's name, file and rows: a file each in `folder`, or `path` itself if that is to be a file."""
+    if not path.is_dir() and len(tasks.objects) != 1:
+        given = f"these are of {len(tasks.objects)} ({', '.join(tasks.objects) or 'none'})"
+        folders = "a name without suffix makes a folder with a file for each"
+        raise InputError(f"{what} file holds the grasps of one object, {given}; {folders}")
+    for name, stem in file_stems(tasks).items():
+        rows = np.flatnonzero(tasks.object_name == name).tolist()
+        yield name, folder / f"{stem}{suffix}" if path.is_dir() else path, rows
 
 
 def numbered(names: Sequence[str], numbering: int) -> dict[str, str]:
@@ -146,74 +94,68 @@ def pick_joints(angles: object, names: Sequence[str], what: str, numbering: int 
     first = theirs[names[0]]
     prefixes = sorted((name.removesuffix(first) for name in given if name.endswith(first)), key=len)
     whole = [prefix for prefix in prefixes if all(prefix + name in given for name in theirs.values())]
-    right = [prefix for prefix in whole if not is_left(prefix)]
-    if right:
-        return {name: number(given[right[0] + other], f"{what} of {name}") for name, other in theirs.items()}
+    for prefix in whole:
+        if not is_left(prefix):
+            return {name: number(given[prefix + other], f"{what} of {name}") for name, other in theirs.items()}
     if whole or (prefixes and all(is_left(prefix) for prefix in prefixes)):
         raise FileFormatError(f"{what} is of a left hand ({prefixes[0]}{first}); only right hands can be read")
     if numbering and all(_NUMBERED.fullmatch(name) for name in names):
         zero = set(numbered(names, 0).values())
         only_zero, only_one = tuple(zero - set(names)), tuple(set(names) - zero)
-        lowest = sorted(name for name in given if name.endswith(only_zero))
+        lowest = max((name for name in given if name.endswith(only_zero)), default=None)
         if lowest and not any(name.endswith(only_one) for name in given):
-            raise FileFormatError(
-                f"{what} has joints numbered from 0 ({lowest[-1]}), other joints than ours, numbered from 1; "
-                "state the numbering (joint_numbering=0, --joint-numbering 0)"
-            )
+            fault = f"{what} has joints numbered from 0 ({lowest}), other joints than ours, numbered from 1"
+            raise FileFormatError(f"{fault}; state the numbering (joint_numbering=0, --joint-numbering 0)")
     missing = [name for name in theirs.values() if name not in given]
     raise FileFormatError(f"{what} lacks joints of the hand: {', '.join(missing)}")
 
 
-# -- reading
-
-
 def check_whole(notes: Mapping[str, Any], n: int) -> None:
     """Check that a file has as many grasps as our notes on it, where it has such notes."""
-    if not notes:
-        return
-    noted = notes.get("grasps")
+    noted = notes.get("grasps") if notes else [None] * n
     if not isinstance(noted, list | Mapping):
         raise FileFormatError("its notes on the grasps are damaged")
     if len(noted) != n:
         raise FileFormatError(f"it has {n} of the {len(noted)} grasps that were written")
 
 
-def scale_of(value: object, what: str) -> tuple[float, float, float]:
+def scale_of(value: object, what: str) -> list[float]:
     """Read an object's scale, one number or one for each body axis."""
     parts = np.asarray(value, dtype=object).reshape(-1).tolist()
     if len(parts) not in (1, 3):
-        raise FileFormatError(f"{what} is {shortened(value)}, not one number or three")
-    x, y, z = (number(part, what) for part in (parts * 3 if len(parts) == 1 else parts))
-    if min(x, y, z) <= 0:
-        raise FileFormatError(f"{what} is {shortened(value)}; a scale is above 0")
-    return x, y, z
+        raise FileFormatError(f"{what} is {doc.shown(value)}, not one number or three")
+    scale = [number(part, what) for part in parts] * (3 // len(parts))
+    if min(scale) <= 0:
+        raise FileFormatError(f"{what} is {doc.shown(value)}; a scale is above 0")
+    return scale
 
 
 def foreign_document(
-    rows: Iterable[ForeignGrasp], files: Sequence[Mapping[str, Any]], assume: Assumptions, hand: Hand
+    rows: list[ForeignGrasp], files: Sequence[Mapping[str, Any]], assume: Assumptions, hand: Hand
 ) -> GraspDocument:
-    """Make a document of what foreign files say.
-
-    Args:
-        rows: their grasps.
-        files: our own notes on each file, empty in a file of someone else's.
-        assume: what they do not say.
-        hand: whose joints the rows have.
-    """
-    rows = list(rows)
+    """Make a document of rows with a hand's joints; `files` are our notes on each file, empty in someone else's."""
     if all("number" in row.notes for row in rows):
-        rows.sort(key=lambda row: number(row.notes["number"], "number"))
-    known = objects_from_json(_objects(files))
-    opened = dict(zip(hand.joint_names, hand.pregrasp.tolist(), strict=True))
+        rows = sorted(rows, key=lambda row: number(row.notes["number"], "number"))
+    noted: dict[str, Any] = {}
+    for name, about in ((name, about) for notes in files for name, about in mapping(notes.get("objects")).items()):
+        if noted.setdefault(name, about) != about:
+            raise FileFormatError(f"its files describe object {doc.shown(name)} in two ways")
+    known = objects_from_json(noted)
+    opened = doc.by_name(hand.joint_names, hand.pregrasp)
     objects, facts, odd = dict(known), [], 0
     for i, row in enumerate(rows):
         with place(f"grasp {i}"):
-            kind, obj = _kind(row, assume), _object(row, known, assume)
+            named = row.notes.get("grasp_type", assume.grasp_type)
+            if named is None:
+                raise InputError("the file names no grasp type; say which (grasp_type=, --grasp-type)")
+            kind, obj, chance = as_type(str(named)), _object(row, known, assume), _chance(row)
             read = _facts(row, kind, obj, assume, hand)
+        if chance is not None:
+            read["probability"] = chance
+            odd += math.isnan(chance)
         objects[obj.name] = obj
-        odd += "odd_confidence" in read
         read |= {"posture": row.posture, "pregrasp": row.pregrasp or opened}
-        facts.append(read | {"position_m": row.X_hand_object.position_m, "quat_wxyz": row.X_hand_object.quat_wxyz})
+        facts.append(read | vars(row.X_hand_object))
     columns = doc.stack(facts, hand.joint_names)
     missing = np.isnan(columns["grasp_size_m"])
     if missing.any():
@@ -221,35 +163,22 @@ def foreign_document(
     about = {name: obj.to_json() for name, obj in objects.items()}
     head = {"hand": hand.name} | dict(files[-1] if files else {})
     document = doc.to_document(head, hand.joint_names, columns, about, hand)
-    if not odd:
-        return document
     note = f"the confidence of {odd} grasps is no chance between 0 and 1 and was left out"
-    return replace(document, notes=(*document.notes, note))
-
-
-def _objects(files: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Collect what files say of their objects."""
-    objects: dict[str, Any] = {}
-    for notes in files:
-        for name, about in mapping(notes.get("objects")).items():
-            if objects.setdefault(name, about) != about:
-                raise FileFormatError(f"its files describe object {shortened(name)} in two ways")
-    return objects
+    return replace(document, notes=(*document.notes, note)) if odd else document
 
 
 def _object(row: ForeignGrasp, known: Mapping[str, GraspObject], assume: Assumptions) -> GraspObject:
     named = row.notes.get("object_label", row.object_name)
+    # File names and frames cannot hold the colon of a size.
+    spelled = re.sub(r"^(box|cylinder|sphere)_(?=\d)", r"\1:", str(named), flags=re.IGNORECASE)
     try:
-        # File names and frames cannot hold the colon of a size.
-        spelled = re.sub(r"^(box|cylinder|sphere)_(?=\d)", r"\1:", str(named), flags=re.IGNORECASE)
         obj = known[str(named)] if str(named) in known else as_object(spelled)
     except InputError as error:
         if assume.object is not None:
-            # It is said to be this one, at the size it has.
-            return as_object(assume.object)
+            return as_object(assume.object)  # it is said to be this one, at the size it has
         what = "the file names no object." if named is None else str(error)
         raise InputError(f"{what} Say what it is: give --object (object=), a catalogue name or a size") from error
-    if tuple(row.scale) == (1.0, 1.0, 1.0):
+    if tuple(row.scale) == _UNSCALED:
         return obj
     extents = [extent * factor for extent, factor in zip(obj.extents_m, row.scale, strict=True)]
     try:
@@ -259,29 +188,23 @@ def _object(row: ForeignGrasp, known: Mapping[str, GraspObject], assume: Assumpt
     return replace(scaled, name=scaled.shape.spelling())
 
 
+def _chance(row: ForeignGrasp) -> float | None:
+    """Read a grasp's chance to hold, NaN where what the file says is none; None where only our notes may tell."""
+    # What an export said for want of a chance of the grasp's own, such as a measured rate, is not one.
+    if row.confidence is None or (row.notes and row.confidence == row.notes.get("confidence", row.confidence)):
+        return None
+    chance = number(row.confidence, "confidence")
+    return chance if 0 <= chance <= 1 else math.nan
+
+
 def _facts(row: ForeignGrasp, kind: GraspType, obj: GraspObject, assume: Assumptions, hand: Hand) -> dict[str, Any]:
     axis = row.notes.get("side_axis", assume.side_axis)
     site = obj.site(_nearest_side(row, kind, obj, hand) if axis is None else str(axis))
-    facts: dict[str, Any] = {
-        name: math.nan if row.notes.get(name) is None else number(row.notes[name], name) for name in NUMBERS
-    }
-    facts |= {"grasp_type": kind.name, "object_label": obj.name, "side_axis": site.name}
-    if math.isnan(facts["side_m"]) or tuple(row.scale) != (1.0, 1.0, 1.0):
+    facts: dict[str, Any] = dict.fromkeys(NUMBERS, math.nan)
+    facts |= {name: number(row.notes[name], name) for name in NUMBERS if row.notes.get(name) is not None}
+    if math.isnan(facts["side_m"]) or tuple(row.scale) != _UNSCALED:
         facts["side_m"] = site.width_m
-    # What an export said for want of a chance of the grasp's own, such as a measured rate, is not one.
-    ours = bool(row.notes) and row.confidence == row.notes.get("confidence", row.confidence)
-    if row.confidence is not None and not ours:
-        chance = number(row.confidence, "confidence")
-        facts["probability"] = chance if 0 <= chance <= 1 else math.nan
-        return facts | ({} if 0 <= chance <= 1 else {"odd_confidence": True})
-    return facts
-
-
-def _kind(row: ForeignGrasp, assume: Assumptions) -> GraspType:
-    name = row.notes.get("grasp_type", assume.grasp_type)
-    if name is None:
-        raise InputError("the file names no grasp type; say which (grasp_type=, --grasp-type)")
-    return as_type(str(name))
+    return facts | {"grasp_type": kind.name, "object_label": obj.name, "side_axis": site.name}
 
 
 def _nearest_side(row: ForeignGrasp, kind: GraspType, obj: GraspObject, hand: Hand) -> str:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from ..core.errors import FileFormatError, InputError
-from ..core.records import gather, gather_pose, spread, spread_pose
+from ..core.records import Columns, gather, gather_pose, spread, spread_pose
 from . import document as doc
-from .document import LABELS, NUMBERS, UNKNOWABLE, Columns, GraspDocument, mapping, number
-from .options import Assumptions, ExportOptions
+from .document import ANGLES, LABELS, NUMBERS, POSE_PARTS, UNKNOWABLE, Assumptions, ExportOptions, GraspDocument
 
 _HEADER_KEY = b"graspcascade"
 
@@ -29,18 +29,13 @@ def document_to_json(document: GraspDocument) -> dict[str, Any]:
     Raises:
         InputError: a value that no reader would take, or metadata that JSON cannot hold.
     """
-    grasps, head = document.grasps, doc.header(document)
+    grasps, head, rows = document.grasps, doc.header(document), doc.fact_rows(document.grasps)
     placed = None if document.X_world_object is None else grasps.hand_pose(document.X_world_object)
-    rows = [
-        row
-        | {
-            name: dict(zip(grasps.joint_names, angles[i].tolist(), strict=True))
-            for name, angles in (("posture", grasps.posture), ("pregrasp", grasps.pregrasp))
-        }
-        | {"X_hand_object": doc.pose_to_json(grasps.X_hand_object, i)}
-        | ({} if placed is None else {"X_world_hand": doc.pose_to_json(placed, i)})
-        for i, row in enumerate(doc.fact_rows(grasps))
-    ]
+    for i, row in enumerate(rows):
+        row |= {name: doc.by_name(grasps.joint_names, getattr(grasps, name)[i]) for name in ANGLES}
+        row["X_hand_object"] = doc.pose_to_json(grasps.X_hand_object, i)
+        if placed is not None:
+            row["X_world_hand"] = doc.pose_to_json(placed, i)
     return head | {"grasps": rows}
 
 
@@ -50,43 +45,37 @@ def read_json(path: Path, assume: Assumptions) -> GraspDocument:
         head = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"not complete JSON ({str(error) or 'nested too deep'})") from error
-    head = doc.check_header(head)
-    names, rows = head["joint_names"], head.get("grasps")
+    names, rows = doc.check_header(head)["joint_names"], head.get("grasps")
     if not isinstance(rows, list):
         raise FileFormatError("grasps is not a list")
     read = []
     for i, row in enumerate(rows):
         with doc.place(f"grasp {i}"):
-            read.append(_row(row, names))
+            try:
+                read.append(_row(row, names))
+            except KeyError as error:
+                raise FileFormatError(f"lacks {error.args[0]!r}") from error
     return doc.to_document(head, names, doc.stack(read, names), head.get("objects", {}), assume.hand)
 
 
-class _Fields(dict[str, Any]):
-    """Say of a field that is asked for and missing that the file lacks it."""
-
-    def __missing__(self, key: str) -> NoReturn:
-        raise FileFormatError(f"lacks {key!r}")
-
-
-def _row(stored: object, joint_names: list[str]) -> dict[str, Any]:
-    if not isinstance(stored, dict):
+def _row(row: object, joint_names: Sequence[str]) -> dict[str, Any]:
+    if not isinstance(row, dict):
         raise FileFormatError("is not an object")
-    row = _Fields(stored)
+    for name in LABELS:
+        if not isinstance(row[name], str):
+            raise FileFormatError(f"{name} is {doc.shown(row[name])}, not a name")
     read: dict[str, Any] = {name: row[name] for name in LABELS}
-    for name, value in read.items():
-        if not isinstance(value, str):
-            raise FileFormatError(f"{name} is {doc.shortened(value)}, not a name")
     for name in NUMBERS:
         unknown = name in UNKNOWABLE and row[name] is None
-        read[name] = math.nan if unknown else number(row[name], name)
-    for name in ("posture", "pregrasp"):
-        angles = _Fields(mapping(row[name]))
+        read[name] = math.nan if unknown else doc.number(row[name], name)
+    for name in ANGLES:
+        angles = doc.mapping(row[name])
         foreign = sorted(set(angles) - set(joint_names))
         if foreign:
             raise FileFormatError(f"{name} has joints that joint_names lacks: {', '.join(foreign)}")
-        read[name] = {joint: number(angles[joint], joint) for joint in joint_names}
-    pose = _Fields(mapping(row["X_hand_object"]))
-    return read | {name: doc.numbers(pose[name], n, name) for name, n in (("position_m", 3), ("quat_wxyz", 4))}
+        read[name] = {joint: doc.number(angles[joint], joint) for joint in joint_names}
+    pose = doc.mapping(row["X_hand_object"])
+    return read | {name: doc.numbers(pose[name], width, name) for name, width in POSE_PARTS.items()}
 
 
 def _refuse_constant(name: str) -> NoReturn:
@@ -98,8 +87,8 @@ def write_parquet(path: Path, document: GraspDocument, _options: ExportOptions) 
     pa, pq = _pyarrow()
     grasps, head = document.grasps, json.dumps(doc.header(document))
     columns = doc.facts(grasps)
-    columns |= spread("posture", grasps.joint_names, grasps.posture)
-    columns |= spread("pregrasp", grasps.joint_names, grasps.pregrasp)
+    for name in ANGLES:
+        columns |= spread(name, grasps.joint_names, getattr(grasps, name))
     columns |= spread_pose("object", grasps.X_hand_object)
     if document.X_world_object is not None:
         columns |= spread_pose("world_hand", grasps.hand_pose(document.X_world_object))
@@ -122,33 +111,26 @@ def read_parquet(path: Path, assume: Assumptions) -> GraspDocument:
     stored = (table.schema.metadata or {}).get(_HEADER_KEY)
     try:
         head = doc.check_header(None if stored is None else json.loads(stored))
-        columns = _columns(table, tuple(head["joint_names"]))
+        names = tuple(head["joint_names"])
+        # A table is indexed by column name as a mapping is, and its columns are arrays to numpy.
+        columns: Columns = {name: np.array(table[name].to_pylist(), dtype=str) for name in LABELS}
+        columns |= {name: np.asarray(table[name], dtype=np.float64) for name in NUMBERS}
+        columns |= {name: gather(table, name, names) for name in ANGLES}
+        columns |= vars(gather_pose(table, "object"))
     except KeyError as error:
         raise FileFormatError(f"lacks column {error.args[0]!r}") from error
     except FileFormatError:
         raise
     except (pa.ArrowException, ValueError, TypeError) as error:
         raise FileFormatError(f"its columns or header are damaged ({error})") from error
-    return doc.to_document(head, head["joint_names"], columns, head.get("objects", {}), assume.hand)
-
-
-def _columns(table: Any, joint_names: tuple[str, ...]) -> Columns:
-    # A table is indexed by column name as a mapping is, and its columns are arrays to numpy.
-    columns: Columns = {name: np.array(table[name].to_pylist(), dtype=str) for name in LABELS}
-    columns |= {name: np.asarray(table[name], dtype=np.float64) for name in NUMBERS}
-    columns |= {name: gather(table, name, joint_names) for name in ("posture", "pregrasp")}
-    placed = gather_pose(table, "object")
-    return columns | {"position_m": placed.position_m, "quat_wxyz": placed.quat_wxyz}
+    return doc.to_document(head, names, columns, head.get("objects", {}), assume.hand)
 
 
 def _pyarrow() -> tuple[Any, Any]:
-    # An optional extra, and slow to load: only this format pays for it.
-    try:
+    try:  # an optional extra, and slow to load: only this format pays for it
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise InputError(
-            "Parquet files need pyarrow: install the extra 'train' "
-            "(in a checkout: pip install '.[train]'), or use .json"
-        ) from error
+        how = "install the extra 'train' (in a checkout: pip install '.[train]'), or use .json"
+        raise InputError(f"Parquet files need pyarrow: {how}") from error
     return pyarrow, pyarrow.parquet

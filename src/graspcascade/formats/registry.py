@@ -7,14 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from ..core.errors import FileFormatError, InputError, unknown
 from ..core.yaml_files import YAML_SUFFIXES, yaml_files
-from .document import GraspDocument
-from .options import Assumptions, ExportOptions
-
-_SNIFF_BYTES = 4096
+from .document import Assumptions, ExportOptions, GraspDocument
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ class GraspFormat:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Name the packages it needs that are not installed."""
+        """Packages it needs that are not installed."""
         return tuple(package for package in self.needs if find_spec(package) is None)
 
     def write(self, path: Path, document: GraspDocument, options: ExportOptions) -> None:
@@ -54,54 +51,30 @@ class GraspFormat:
         self._function("write")(path, document, options)
 
     def read(self, path: Path, assume: Assumptions) -> GraspDocument:
-        """Take a document out of a file or folder.
-
-        Raises:
-            FileFormatError: it is anything but sound and of this format.
-            InputError: something it does not say and nothing is assumed for.
-        """
-        document: GraspDocument = self._function("read")(path, assume)
-        return document
+        """Take a document out of a file or folder, see `load_document`."""
+        return cast(GraspDocument, self._function("read")(path, assume))
 
     def writes_folder(self, path: Path) -> bool:
         """Tell whether a path names a folder to be made rather than a file."""
         return self.layout == "folder" or (self.layout == "either" and path.suffix.lower() not in self.suffixes)
 
-    def check_place(self, path: Path) -> None:
-        """Check that a file, or where the format makes one a new folder, can be put somewhere.
-
-        Raises:
-            InputError: no such parent folder, or something in the way.
-        """
-        if not self.writes_folder(path):
-            check_file_place(path)
-            return
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise InputError(f"{path} exists and is not an empty folder; give another name")
-        _check_parent(path)
-
     def _function(self, name: str) -> Any:
         return getattr(importlib.import_module(f".{self.module}", __package__), name + self.ending)
 
 
-def check_file_place(path: Path) -> None:
-    """Check that a file can be put somewhere.
-
-    Raises:
-        InputError: no such folder, or a folder of that name.
-    """
-    if path.is_dir():
+def check_file_place(path: Path, folder: bool = False) -> None:
+    """Check that a file, or a new folder, can be put somewhere; an InputError says what is missing or in the way."""
+    if path.is_dir() and not folder:
         raise InputError(f"{path} is a folder; give the name of a file")
-    _check_parent(path)
-
-
-def _check_parent(path: Path) -> None:
+    if folder and path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"{path} exists and is not an empty folder; give another name")
     if not path.parent.is_dir():
         raise InputError(f"there is no folder {path.parent} to write {path.name} into")
 
 
 _PICKLED: dict[str, Any] = {"pickled": True, "contact": True}
 _ISAAC = "isaac_grasp YAML 1.0 of NVIDIA Isaac, one object a file"
+_MOVEIT = "moveit_msgs/Grasp messages as YAML"
 _BENCH = "DexGraspBench folder, one .npy a grasp, objects beside them"
 _NET = "DexGraspNet .npy, one object a file"
 FORMATS_BY_NAME: Mapping[str, GraspFormat] = {
@@ -109,14 +82,13 @@ FORMATS_BY_NAME: Mapping[str, GraspFormat] = {
     for known in (
         GraspFormat("json", (".json",), "native JSON, joints by name", "native", "_json"),
         GraspFormat("parquet", (".parquet",), "native Parquet, one row a grasp", "native", "_parquet", ("pyarrow",)),
-        GraspFormat("isaac_grasp", YAML_SUFFIXES, _ISAAC, "isaac_grasp", layout="either"),
-        GraspFormat("moveit_grasp", YAML_SUFFIXES, "moveit_msgs/Grasp messages as YAML", "moveit_grasp"),
+        GraspFormat("isaac_grasp", YAML_SUFFIXES, _ISAAC, "yaml_grasps", "_isaac", layout="either"),
+        GraspFormat("moveit_grasp", YAML_SUFFIXES, _MOVEIT, "yaml_grasps", "_moveit"),
         GraspFormat("dexgraspbench", (".npy",), _BENCH, "dexgrasp", "_bench", layout="folder", **_PICKLED),
         GraspFormat("dexgraspnet", (".npy",), _NET, "dexgrasp", "_net", layout="either", **_PICKLED),
     )
 }
 """Every format by name."""
-
 FORMATS: Mapping[str, GraspFormat] = {
     suffix: known
     for known in FORMATS_BY_NAME.values()
@@ -127,15 +99,10 @@ FORMATS: Mapping[str, GraspFormat] = {
 
 
 def format_to_write(path: Path, name: str | None = None) -> GraspFormat:
-    """Find the format to write a path in.
-
-    Raises:
-        InputError: an unknown format, or a suffix that picks none or is not the format's.
-    """
+    """Find the format to write a path in; an InputError says that there is none, or that the suffix is not its own."""
     if name is None:
         return _by_suffix(path)
-    chosen = _by_name(name)
-    suffix = path.suffix.lower()
+    chosen, suffix = _by_name(name), path.suffix.lower()
     if chosen.layout == "folder" and suffix in chosen.suffixes:
         raise InputError(f"a {chosen.name} export is a folder; give a name without {path.suffix!r}")
     if chosen.layout != "folder" and not (suffix in chosen.suffixes or (chosen.layout == "either" and not suffix)):
@@ -151,36 +118,30 @@ def format_to_read(path: Path, name: str | None = None) -> GraspFormat:
         InputError: an unknown format, or a suffix that picks none.
         FileFormatError: its start is that of no format.
     """
+    suffix = path.suffix.lower()
     if name is not None:
         return _by_name(name)
     if path.is_dir():
-        return _of_folder(path)
-    suffix = path.suffix.lower()
-    if suffix in FORMATS or not path.is_file():
-        return _by_suffix(path)
-    if suffix in YAML_SUFFIXES:
+        for known, is_it in (
+            ("dexgraspbench", (path / "graspdata").is_dir()),
+            ("dexgraspnet", (path / "dataset").is_dir()),
+            ("isaac_grasp", yaml_files(path)),
+        ):
+            if is_it:
+                return FORMATS_BY_NAME[known]
+        raise FileFormatError(
+            f"{path} is a folder without graspdata, dataset or files *{', *'.join(YAML_SUFFIXES)} in it; name its "
+            f"format if it is one: {', '.join(name for name, one in FORMATS_BY_NAME.items() if one.layout != 'file')}"
+        )
+    if suffix in YAML_SUFFIXES and path.is_file():
         with path.open("rb") as file:
-            start = file.read(_SNIFF_BYTES)
+            start = file.read(4096)
         return FORMATS_BY_NAME["isaac_grasp" if b"isaac_grasp" in start else "moveit_grasp"]
-    if suffix == ".npy":
+    if suffix == ".npy" and path.is_file():
         from .dexgrasp import array_shape
 
         return FORMATS_BY_NAME["dexgraspnet" if array_shape(path) else "dexgraspbench"]
     return _by_suffix(path)
-
-
-def _of_folder(path: Path) -> GraspFormat:
-    if (path / "graspdata").is_dir():
-        return FORMATS_BY_NAME["dexgraspbench"]
-    if (path / "dataset").is_dir():
-        return FORMATS_BY_NAME["dexgraspnet"]
-    if yaml_files(path):
-        return FORMATS_BY_NAME["isaac_grasp"]
-    raise FileFormatError(
-        f"{path} is a folder without graspdata, dataset or files *{', *'.join(YAML_SUFFIXES)} in it; "
-        "name its format if it is one: "
-        f"{', '.join(known.name for known in FORMATS_BY_NAME.values() if known.layout != 'file')}"
-    )
 
 
 def _by_name(name: str) -> GraspFormat:

@@ -34,8 +34,9 @@ def object_mesh(obj: GraspObject) -> Trimesh:
 
 
 def write_obj(path: Path, mesh: Trimesh) -> None:
-    """Write a Wavefront OBJ file, exact to the last bit."""
+    """Write a Wavefront OBJ file, exact to the last bit; its folder is made if needed."""
     lines = ["# metres, origin at the centre, z along a cylinder's axis"]
     lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
