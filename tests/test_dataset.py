@@ -590,13 +590,24 @@ def test_each_shard_is_read_once(copy: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert not any((copy / name).exists() for name in SHARDS)
 
 
-def test_a_shard_without_a_column_is_refused_by_the_columns_name(copy: Path) -> None:
-    metadata = metadata_of(copy)
+def drop_column(folder: Path, name: str) -> None:
+    metadata = metadata_of(folder)
     for shard in metadata["shards"]:
-        path = copy / shard["file"]
-        pq.write_table(pq.read_table(path).drop_columns(["posture_THJ4"]), path)
+        path = folder / shard["file"]
+        pq.write_table(pq.read_table(path).drop_columns([name]), path)
         shard["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
-    write_metadata(copy, metadata)
+    write_metadata(folder, metadata)
+
+
+def test_turns_that_an_earlier_version_did_not_record_are_unknown(copy: Path) -> None:
+    drop_column(copy, "turn_rad")
+    dataset = load_dataset(copy)
+    assert np.isnan(dataset.outcomes.turn_rad).all()
+    assert dataset.outcomes.held.any()
+
+
+def test_a_shard_without_a_column_is_refused_by_the_columns_name(copy: Path) -> None:
+    drop_column(copy, "posture_THJ4")
     with pytest.raises(FileFormatError, match="lacks column 'posture_THJ4'"):
         load_dataset(copy)
 

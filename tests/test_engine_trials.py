@@ -11,7 +11,7 @@ import pytest
 from graspcascade.core.errors import InputError
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.outcomes import VERDICTS, Outcomes
-from graspcascade.core.poses import Pose
+from graspcascade.core.poses import Pose, as_rotation
 from graspcascade.core.protocols import PAPER, Carry, Close, Protocol, Shake
 from graspcascade.engines import run_trials
 from graspcascade.engines.mujoco import runner
@@ -219,6 +219,28 @@ def test_outcomes_agree_with_their_verdicts(outcomes: Outcomes, short: Protocol)
     np.testing.assert_array_equal(np.isfinite(outcomes.displacement_m), closed)
     norms = np.linalg.norm(outcomes.X_hand_object_settled.quat_wxyz[closed], axis=1)
     np.testing.assert_allclose(norms, 1)
+
+
+def test_the_turn_of_an_object_is_that_of_its_pose_since_closing(drawn: Grasps, short: Protocol) -> None:
+    last: dict[int, np.ndarray] = {}
+
+    def see(rows: np.ndarray, step: np.ndarray, posture: np.ndarray, pose: np.ndarray) -> None:
+        last.update(zip(rows.tolist(), pose[:, 3:].copy(), strict=True))
+
+    outcomes = run_trials(drawn[:12], short, observe=see)
+    settled = outcomes.X_hand_object_settled.quat_wxyz
+    for row in np.flatnonzero(outcomes.held):
+        turn = (as_rotation(settled[row]).inv() * as_rotation(last[int(row)])).magnitude()
+        assert outcomes.turn_rad[row] == pytest.approx(turn, abs=1e-7)
+    assert (np.isnan(outcomes.turn_rad) == np.isnan(outcomes.displacement_m)).all()
+    assert outcomes.held.any()
+
+
+def test_a_held_object_that_turned_far_is_not_held_steadily(outcomes: Outcomes) -> None:
+    turned = replace(outcomes, turn_rad=np.where(outcomes.held, np.radians(15.1), 0.0))
+    still = replace(outcomes, turn_rad=np.where(outcomes.held, np.radians(14.9), np.nan))
+    assert not turned.steady.any()
+    np.testing.assert_array_equal(still.steady, outcomes.held)
 
 
 def test_object_size_is_the_tip_distance_of_the_settled_posture(hand: Hand, outcomes: Outcomes) -> None:

@@ -136,6 +136,7 @@ def test_counts_are_those_of_the_outcomes(no_physics: list[int]) -> None:
         rows = (grasps.object_name == cell.object_label) & (grasps.grasp_type == cell.grasp_type)
         assert dict(cell.verdicts) == {verdict: int((outcomes.verdict[rows] == verdict).sum()) for verdict in VERDICTS}
         assert cell.faithful == int(outcomes.faithful(grasps)[rows].sum())
+        assert cell.steady == int(outcomes.steady[rows].sum())
 
 
 def test_the_seed_alone_decides(no_physics: list[int]) -> None:
@@ -571,6 +572,7 @@ def edited(change: Callable[[dict[str, Any]], Any]) -> str:
         edited(lambda d: d["held"].update(rate=0.99)),
         edited(lambda d: d["cells"][0].update(held=d["cells"][0]["held"] + 1)),
         edited(lambda d: d["cells"][0].update(faithful=10**6)),
+        edited(lambda d: d["cells"][0].update(steady=10**6)),
         edited(lambda d: d["cells"][0]["verdicts"].update(missed="many")),
         edited(lambda d: d["protocol_parameters"].update(luck=1.0)),
         edited(lambda d: d.update(protocol="lenient")),
@@ -582,6 +584,15 @@ def test_foreign_and_doctored_files_are_refused(tmp_path: Path, text: str) -> No
     path.write_text(text)
     with pytest.raises(FileFormatError, match=r"heuristic\.json"):
         Evaluation.load(path)
+
+
+def test_an_evaluation_of_before_turns_were_recorded_says_nothing_of_them(tmp_path: Path) -> None:
+    without = evaluation(seed=3)
+    assert without.total.steady is None
+    assert without.total.steady_rate is None
+    assert "steady" not in without.to_json()
+    without.save(tmp_path / "old.json")
+    assert Evaluation.load(tmp_path / "old.json") == without
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from ..core.errors import InputError
 from ..core.files import write_json
 from ..core.grasps import Grasps
 from ..core.intervals import wilson
-from ..core.outcomes import VERDICTS, Outcomes
+from ..core.outcomes import STEADY_RAD, VERDICTS, Outcomes
 from ..core.protocols import as_protocol
 from ..engines import as_engine
 from ..formats import load_executable
@@ -69,13 +70,15 @@ def _report(grasps: Grasps, outcomes: Outcomes, protocol_name: str, model: objec
         "verdict": outcomes.verdict,
         "held": held,
         "faithful": faithful,
+        "steady": outcomes.steady,
     }
     columns = {name: column.tolist() for name, column in columns.items()}
     for name in ("touching_closed", "touching_end"):
         columns[name] = [places[touches].tolist() for touches in getattr(outcomes, name)]
-    for name in ("object_size_m", "displacement_m", "duration_s"):
+    for name in ("object_size_m", "displacement_m", "turn_rad", "duration_s"):
         columns[name] = getattr(outcomes, name).tolist()
-    rates = {"held": wilson(int(held.sum()), n).to_json(), "faithful": wilson(int(faithful.sum()), n).to_json()}
+    counted = {"held": held, "faithful": faithful, "steady": outcomes.steady}
+    rates = {name: wilson(int(flags.sum()), n).to_json() for name, flags in counted.items()}
     verdicts = {verdict: int((outcomes.verdict == verdict).sum()) for verdict in VERDICTS}
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     return {"protocol": protocol_name, "model": model, "n": n, **rates, "verdicts": verdicts, "grasps": rows}
@@ -87,9 +90,10 @@ def _print_report(report: dict[str, Any]) -> None:
         verdict = row["verdict"] + (", faithful" if row["faithful"] else "")
         moved = "-" if row["displacement_m"] is None else f"{row['displacement_m'] * 1000:.1f}"
         touching = ", ".join(row["touching_end"] or row["touching_closed"]) or "-"
-        rows.append([str(number), row["grasp_type"], row["object"], row["side_axis"], verdict, moved, touching])
-    columns = ["#", "type", "object", "side", "verdict", "moved\nmm", "touching"]
-    console.print_table(columns, rows, left=(0, 1, 2, 3, 4, 6))
+        turned = "-" if row["turn_rad"] is None else f"{math.degrees(row['turn_rad']):.0f}"
+        rows.append([str(number), row["grasp_type"], row["object"], row["side_axis"], verdict, moved, turned, touching])
+    columns = ["#", "type", "object", "side", "verdict", "moved\nmm", "turned\ndeg", "touching"]
+    console.print_table(columns, rows, left=(0, 1, 2, 3, 4, 7))
     _print_rates(report)
 
 
@@ -98,6 +102,8 @@ def _print_rates(report: dict[str, Any]) -> None:
     print(", ".join(f"{count} {verdict}" for verdict, count in verdicts.items() if count))
     print(f"protocol {report['protocol']}, {report['n']} trials: held {console.interval(report['held'])}")
     print(f"held and type-faithful {console.interval(report['faithful'])}")
+    if "steady" in report:
+        print(f"held and turned by less than {math.degrees(STEADY_RAD):g} degrees {console.interval(report['steady'])}")
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,8 @@ object. `shaken_out`, `dropped`: the object left during the shake, or under grav
 `unstable`: the engine reported a warning or a non-finite state.
 """
 PALM = "palm"
+STEADY_RAD = math.radians(15.0)
+"""An object that turned by less between closing and the end of the trial was held steadily."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +39,7 @@ class Outcomes:
         X_hand_object_settled: object pose after closing; NaN likewise.
         object_size_m: ``(n,)`` thumb-tip to index-tip distance after closing, metres; NaN likewise.
         displacement_m: ``(n,)`` distance of the object's centre from its settled place at the end; NaN likewise.
+        turn_rad: ``(n,)`` angle between its settled orientation and that at the end; NaN likewise.
         duration_s: ``(n,)`` simulated time.
     """
 
@@ -47,6 +51,7 @@ class Outcomes:
     X_hand_object_settled: Pose
     object_size_m: NDArray[np.float64]
     displacement_m: NDArray[np.float64]
+    turn_rad: NDArray[np.float64]
     duration_s: NDArray[np.float64]
 
     @property
@@ -58,6 +63,11 @@ class Outcomes:
     def held(self) -> NDArray[np.bool_]:
         """Flags ``(n,)`` of the grasps that held."""
         return np.asarray(self.verdict == "held")
+
+    @property
+    def steady(self) -> NDArray[np.bool_]:
+        """Flags ``(n,)`` of the grasps that held and in which the object turned by less than `STEADY_RAD`."""
+        return np.asarray(self.held & (self.turn_rad < STEADY_RAD))
 
     def faithful(self, grasps: Grasps) -> NDArray[np.bool_]:
         """Tell which grasps ``(n,)`` held and touch every digit their type needs."""
@@ -105,7 +115,7 @@ class Outcomes:
         """Make n rows to be filled in by an engine."""
         closed, end = np.zeros((2, n, len(digits) + 1), dtype=bool)
         posture, position, quat = (np.full((n, width), np.nan) for width in (n_joints, 3, 4))
-        size, displacement = np.full((2, n), np.nan)
+        size, displacement, turn = np.full((3, n), np.nan)
         verdict = np.full(n, "unstable", dtype="<U10")
         settled = Pose(position, quat)
-        return cls(tuple(digits), verdict, closed, end, posture, settled, size, displacement, np.zeros(n))
+        return cls(tuple(digits), verdict, closed, end, posture, settled, size, displacement, turn, np.zeros(n))

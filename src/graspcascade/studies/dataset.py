@@ -28,7 +28,7 @@ METADATA_FILE = "metadata.json"
 SCHEMA_VERSION = 1
 
 _GRASP_NUMBERS = ("side_m", "grasp_size_m")
-_OUTCOME_NUMBERS = ("object_size_m", "displacement_m", "duration_s")
+_OUTCOME_NUMBERS = ("object_size_m", "displacement_m", "turn_rad", "duration_s")
 
 
 @dataclass(frozen=True)
@@ -125,6 +125,8 @@ def from_columns(columns: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) 
     """
     joint_names, digits = tuple(about["joint_names"]), tuple(about.get("digits", DIGITS))
     touch = (*digits, PALM)
+    # Earlier versions did not record turns.
+    columns = {"turn_rad": np.full(len(columns["side_m"]), np.nan), **columns} if "side_m" in columns else columns
     try:
         types, objects, axes = (columns[name] for name in ("grasp_type", "object_label", "side_axis"))
         numbers = {name: np.asarray(columns[name], dtype=np.float64) for name in (*_GRASP_NUMBERS, *_OUTCOME_NUMBERS)}

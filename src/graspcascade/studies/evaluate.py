@@ -29,6 +29,8 @@ from .rounds import CELLS, Pair, setting_of, try_round
 ROUND_PER_CELL = 20
 """Trials of a cell in one round; a round is all that an interruption can lose."""
 
+_COUNTED = ("faithful", "steady")
+"""What is counted of each cell beside the verdicts."""
 _SAME_SOURCE_TOLERANCE = 1e-5
 """Rounding of another processor stays below, another model's mean grasp does not."""
 _STREAM = 0xE7A1
@@ -136,8 +138,8 @@ def evaluate(
                 write_metadata(Path(out), metadata)
         counted = np.sum([one["counts"] for one in kept], axis=0).tolist()
         tallies = tuple(
-            Cell(dict(zip(VERDICTS, row[:-1], strict=True)), row[-1], kind.name, obj.name)
-            for (obj, kind), row in zip(cells, counted, strict=True)
+            Cell(dict(zip(VERDICTS, verdicts, strict=True)), faithful, kind.name, obj.name, steady=steady)
+            for (obj, kind), (*verdicts, faithful, steady) in zip(cells, counted, strict=True)
         )
         about = {key: identity[key] for key in ("seed", "per_cell", "versions", "model_metadata")}
         evaluation = Evaluation(protocol, name, hand.name, tallies, **about)
@@ -181,14 +183,14 @@ def _open(out: Path | None, identity: dict[str, Any], n_cells: int) -> Iterator[
     A folder is also a dataset that `load_dataset` reads. Counts are kept beside the rows, so that resuming needs no
     pyarrow.
     """
-    empty: dict[str, Any] = {"count_columns": [*VERDICTS, "faithful"], "rounds": [], "shards": []}
+    empty: dict[str, Any] = {"count_columns": [*VERDICTS, *_COUNTED], "rounds": [], "shards": []}
     if out is None:
         yield empty, []
         return
     with open_folder(folder := Path(out), "evaluation", identity, empty) as metadata:
         try:
             shapes = {np.array(kept["counts"], dtype=np.int64).shape for kept in metadata["rounds"]}
-            if shapes - {(n_cells, len(VERDICTS) + 1)}:
+            if shapes - {(n_cells, len(VERDICTS) + len(_COUNTED))}:
                 raise ValueError("a round has counts of another shape")
             shards = {shard["file"]: {"file": shard["file"], "sha256": shard["sha256"]} for shard in metadata["shards"]}
         except (KeyError, TypeError, ValueError) as error:
@@ -216,7 +218,7 @@ def _plain(metadata: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _count(n_cells: int, per_cell: int, grasps: Grasps, outcomes: Outcomes) -> list[list[int]]:
-    """Count each verdict, and the faithful, of every cell: ``(cells, verdicts + 1)``."""
-    columns = [outcomes.verdict == verdict for verdict in VERDICTS] + [outcomes.faithful(grasps)]
+    """Count each verdict, the faithful and the steady of every cell: ``(cells, verdicts + 2)``."""
+    columns = [outcomes.verdict == verdict for verdict in VERDICTS] + [outcomes.faithful(grasps), outcomes.steady]
     counts: list[list[int]] = np.array(columns).reshape(len(columns), n_cells, per_cell).sum(axis=2).T.tolist()
     return counts

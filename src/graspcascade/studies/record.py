@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,8 @@ class Tally:
     """Count trials by verdict.
 
     Raises:
-        ValueError: other verdicts than `outcomes.VERDICTS`, a negative count, or more faithful than held trials.
+        ValueError: other verdicts than `outcomes.VERDICTS`, a negative count, or more faithful or steady than held
+            trials.
 
     Example:
         >>> tally = Tally(dict.fromkeys(VERDICTS, 0) | {"held": 18, "dropped": 2}, faithful=9)
@@ -35,19 +36,24 @@ class Tally:
     verdicts: Mapping[str, int]
     faithful: int
     """Held trials in which every digit of the type touched the object."""
+    steady: int | None = field(default=None, kw_only=True)
+    """Held trials in which the object turned by less than `outcomes.STEADY_RAD`; None where turns were not recorded."""
 
     def __post_init__(self) -> None:
         if tuple(self.verdicts) != VERDICTS or min(self.verdicts.values()) < 0:
             raise ValueError(f"a tally needs a count of each of {', '.join(VERDICTS)}, got {dict(self.verdicts)}")
-        if not 0 <= self.faithful <= self.held:
-            raise ValueError(f"{self.faithful} of {self.held} held trials cannot be type-faithful")
+        for what, count in (("type-faithful", self.faithful), ("steady", self.steady)):
+            if count is not None and not 0 <= count <= self.held:
+                raise ValueError(f"{count} of {self.held} held trials cannot be {what}")
 
     @classmethod
     def sum(cls, tallies: Iterable[Tally]) -> Tally:
         """Count trials together."""
         parts = list(tallies)
         verdicts = {name: sum(part.verdicts[name] for part in parts) for name in VERDICTS}
-        return Tally(verdicts, sum(part.faithful for part in parts))
+        steady = [part.steady for part in parts if part.steady is not None]
+        all_steady = sum(steady) if len(steady) == len(parts) else None
+        return Tally(verdicts, sum(part.faithful for part in parts), steady=all_steady)
 
     @property
     def n(self) -> int:
@@ -68,6 +74,11 @@ class Tally:
     def faithful_rate(self) -> Interval:
         """Share of trials that held and were type-faithful."""
         return wilson(self.faithful, self.n)
+
+    @property
+    def steady_rate(self) -> Interval | None:
+        """Share of trials that held without a turn of `outcomes.STEADY_RAD`, None where turns were not recorded."""
+        return None if self.steady is None else wilson(self.steady, self.n)
 
     @property
     def faithful_of_held(self) -> Interval:
@@ -92,7 +103,8 @@ class Cell(Tally):
 
     def to_json(self) -> dict[str, Any]:
         """Describe names and counts."""
-        counts = {"n": self.n, "held": self.held, "faithful": self.faithful, "verdicts": dict(self.verdicts)}
+        steady = {} if self.steady is None else {"steady": self.steady}
+        counts = {"n": self.n, "held": self.held, "faithful": self.faithful, **steady, "verdicts": dict(self.verdicts)}
         return {"grasp_type": self.grasp_type, "object": self.object_label, **counts}
 
 
@@ -169,6 +181,7 @@ class Evaluation:
             "n": self.n,
             "held": self.held.to_json(),
             "faithful": self.faithful.to_json(),
+            **({} if self.total.steady_rate is None else {"steady": self.total.steady_rate.to_json()}),
             "cells": [cell.to_json() for cell in self.cells],
             "verdicts": {
                 "overall": dict(self.total.verdicts),
@@ -235,7 +248,8 @@ def is_evaluation(data: Any) -> bool:
 
 def _cell(data: Mapping[str, Any]) -> Cell:
     verdicts = {name: int(data["verdicts"][name]) for name in VERDICTS}
-    return Cell(verdicts, int(data["faithful"]), str(data["grasp_type"]), str(data["object"]))
+    steady = int(data["steady"]) if "steady" in data else None
+    return Cell(verdicts, int(data["faithful"]), str(data["grasp_type"]), str(data["object"]), steady=steady)
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -105,7 +105,7 @@ def _set_physics(spec: Any, physics: Physics) -> None:
     option = spec.option
     option.timestep = physics.time_step_s
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = physics.impratio
+    option.impratio, option.noslip_iterations = physics.impratio, physics.noslip_iterations
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.gravity = [0.0, 0.0, 0.0]
     # A diverged state must stay visible instead of being reset to a healthy one.

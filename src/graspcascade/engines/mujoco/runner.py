@@ -16,7 +16,7 @@ from ...core.errors import InputError
 from ...core.grasps import Grasps
 from ...core.machine import processors
 from ...core.outcomes import Outcomes
-from ...core.poses import canonical_quat, quat_multiply
+from ...core.poses import canonical_quat, quat_multiply, rotation_angle
 from ...core.protocols import Conditions, Protocol
 from ...hands import Hand
 from .. import Observer, Progress, check_joints, is_opposed
@@ -312,6 +312,9 @@ class _Runner:
         self.outcomes.duration_s[trials] = group.step[slots] * self.protocol.physics.time_step_s
         closed = group.step[slots] >= self.schedule.closing_steps
         self.outcomes.displacement_m[trials[closed]] = group.moved(slots)[closed]
+        settled = self.outcomes.X_hand_object_settled.quat_wxyz[trials[closed]]
+        now = canonical_quat(group.qpos[slots[closed], group.object_quat])
+        self.outcomes.turn_rad[trials[closed]] = rotation_angle(settled, now)
         group.trial[slots] = -1
         for trial in trials:
             self.idle.pop(int(trial), None)
