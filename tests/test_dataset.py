@@ -21,8 +21,9 @@ from graspcascade.core.files import LOCK_FILE, sole_writer
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import CATALOGUE, Box, GraspObject, as_object
 from graspcascade.core.outcomes import VERDICTS, Outcomes
-from graspcascade.core.protocols import Protocol
+from graspcascade.core.protocols import VARIED, Protocol
 from graspcascade.core.taxonomy import GRASP_TYPES
+from graspcascade.engines import run_trials
 from graspcascade.engines.mujoco.creep import FAST_FORWARD
 from graspcascade.engines.mujoco.runner import MujocoEngine
 from graspcascade.hands import Hand
@@ -183,9 +184,9 @@ def test_a_loaded_dataset_equals_what_was_collected(
     written: list[tuple[Grasps, Outcomes]] = []
     write_round = module.write_round
 
-    def keep(folder: Path, number: int, grasps: Grasps, outcomes: Outcomes) -> Any:
+    def keep(folder: Path, number: int, grasps: Grasps, outcomes: Outcomes, *rest: Any) -> Any:
         written.append((grasps, outcomes))
-        return write_round(folder, number, grasps, outcomes)
+        return write_round(folder, number, grasps, outcomes, *rest)
 
     monkeypatch.setattr(module, "write_round", keep)
     collect(heuristic, SPEC, tmp_path / "data", protocol=short)
@@ -210,6 +211,28 @@ def assert_equal_in_single_precision(read: dict[str, Any], expected: dict[str, A
 
 
 # Going on
+
+
+def test_what_was_drawn_for_each_trial_is_recorded_with_it(
+    heuristic: Heuristic, short: Protocol, tmp_path: Path
+) -> None:
+    varied = replace(short, name="varied", variation=VARIED.variation)
+    collect(heuristic, SPEC, tmp_path / "one", protocol=varied)
+    dataset = load_dataset(tmp_path / "one")
+    assert dataset.conditions is not None
+    assert len(dataset.conditions) == len(dataset.grasps)
+    assert len(np.unique(dataset.conditions.friction)) == len(dataset.grasps)
+    assert Protocol.from_json(dataset.metadata["protocol"]) == varied
+    again = run_trials(dataset.grasps, short, hand=heuristic.hand, conditions=dataset.conditions)
+    agree = again.verdict == dataset.outcomes.verdict
+    assert agree.mean() > 0.9  # rows are kept in single precision
+    collect(heuristic, SPEC, tmp_path / "two", protocol=varied, workers=2)
+    for shard in SHARDS:
+        assert (tmp_path / "one" / shard).read_bytes() == (tmp_path / "two" / shard).read_bytes()
+
+
+def test_a_dataset_of_like_trials_has_no_conditions(collection: Path) -> None:
+    assert load_dataset(collection).conditions is None
 
 
 def test_a_finished_collection_is_left_as_it_is(copy: Path, heuristic: Heuristic, short: Protocol) -> None:

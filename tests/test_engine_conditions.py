@@ -10,7 +10,7 @@ from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import GraspObject, as_object
 from graspcascade.core.outcomes import Outcomes
 from graspcascade.core.poses import Pose, as_rotation, canonical_quat, quat_multiply
-from graspcascade.core.protocols import Carry, Close, Conditions, Physics, Protocol, Shake
+from graspcascade.core.protocols import VARIED, Carry, Close, Conditions, Physics, Protocol, Shake
 from graspcascade.core.tasks import Task, Tasks, draw_tasks
 from graspcascade.core.taxonomy import GRASP_TYPES
 from graspcascade.engines import as_engine, run_trials
@@ -126,6 +126,20 @@ def test_conditions_do_not_depend_on_order_threads_or_slots(some: Grasps, short:
     for n_threads, n_slots in ((1, 1), (1, 5), (2, 64)):
         shuffled = run_trials(some[order], short, conditions=conditions[order], n_threads=n_threads, n_slots=n_slots)
         assert_same(shuffled, expected[order])
+
+
+def test_a_protocol_that_varies_draws_for_each_trial(some: Grasps, plain: Outcomes, short: Protocol) -> None:
+    varied = replace(short, name="varied", variation=VARIED.variation)
+    drawn = run_trials(some, varied, seed=3)
+    assert_same(drawn, run_trials(some, short, conditions=varied.conditions(len(some), 3)))
+    assert_same(drawn[:5], run_trials(some[:5], varied, seed=3))
+    assert not np.array_equal(drawn.settled_posture, run_trials(some, varied, seed=4).settled_posture)
+    assert not np.array_equal(drawn.settled_posture, plain.settled_posture)
+
+
+def test_an_engine_is_not_left_to_guess_what_a_protocol_varies(some: Grasps, hand: Hand) -> None:
+    with pytest.raises(InputError, match="protocol varied varies: give the conditions"):
+        as_engine().run(hand, some, VARIED)
 
 
 def test_conditions_of_another_number_of_trials_are_refused(some: Grasps, short: Protocol) -> None:

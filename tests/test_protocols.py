@@ -2,6 +2,7 @@
 
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,12 +17,14 @@ from graspcascade.core.outcomes import Outcomes
 from graspcascade.core.poses import as_rotation
 from graspcascade.core.protocols import (
     PAPER,
+    VARIED,
     Carry,
     Close,
     Conditions,
     Physics,
     Protocol,
     Shake,
+    Variation,
     as_protocol,
 )
 from graspcascade.hands import Hand
@@ -80,6 +83,8 @@ def test_an_unknown_protocol_is_refused_with_the_known_ones() -> None:
 
 OTHERS = [
     PAPER,
+    VARIED,
+    replace(VARIED, name="only pushed", variation=Variation(position_sd_m=0.001)),
     Protocol("still", (Close(), Carry(1.0))),
     Protocol("shaken only", (Close(0.3, 0.0), Shake(cycles=1)), overlap_m=0.002, displacement_m=0.03),
     Protocol(
@@ -273,6 +278,68 @@ def test_an_object_left_alone_in_the_field_moves_as_seen_from_the_oscillating_ba
 
 
 # -- conditions of single trials
+
+
+@pytest.fixture(scope="module")
+def drawn_conditions() -> Conditions:
+    conditions = VARIED.conditions(4000, 7)
+    assert conditions is not None
+    return conditions
+
+
+def test_varied_draws_what_it_says(drawn_conditions: Conditions) -> None:
+    c = drawn_conditions
+    for column, low, high in ((c.friction, 0.5, 1.0), (c.size_error_m, -0.001, 0.001)):
+        np.testing.assert_array_less(np.abs(column - (low + high) / 2), (high - low) / 2)
+        np.testing.assert_allclose(np.quantile(column, [0.25, 0.75]), np.quantile([low, high], [0.25, 0.75]), atol=0.02)
+    for column, low, high in ((c.density_factor, 0.5, 2.0), (c.gain_factor / 3.0, 0.7, 1.4)):
+        middle = np.sqrt(low * high)
+        assert low <= column.min() < column.max() <= high
+        assert np.median(column) == pytest.approx(middle, rel=0.05)
+        assert (column < middle * np.sqrt(middle / low)).mean() > 0.7
+    np.testing.assert_allclose(c.position_error_m.std(axis=0), 0.002, rtol=0.05)
+    assert np.sqrt((c.rotation_error_rad**2).sum(axis=1).mean()) == pytest.approx(np.radians(3.0), rel=0.05)
+    np.testing.assert_allclose(c.rotation_error_rad.mean(axis=0), 0.0, atol=np.radians(0.15))
+
+
+def test_a_trials_draw_depends_on_the_seed_and_its_row_alone(drawn_conditions: Conditions) -> None:
+    few, other = VARIED.conditions(5, 7), VARIED.conditions(5, 8)
+    assert few is not None
+    assert other is not None
+    for name, column in vars(few).items():
+        np.testing.assert_array_equal(column, getattr(drawn_conditions, name)[:5])
+        assert (column != getattr(other, name)).any()
+
+
+def test_columns_are_drawn_independently(drawn_conditions: Conditions) -> None:
+    c = drawn_conditions
+    columns = [c.friction, np.log(c.density_factor), np.log(c.gain_factor), c.size_error_m, *c.position_error_m.T]
+    correlations = np.corrcoef(columns) - np.eye(len(columns))
+    assert np.abs(correlations).max() < 0.06
+
+
+def test_what_does_not_vary_is_the_physics_own() -> None:
+    assert PAPER.conditions(3) is None
+    one = Variation(friction=(0.4, 0.4)).draw(replace(PAPER.physics, gain_factor=2.0), 3, 0)
+    same = Conditions.of(PAPER.physics, 3, friction=0.4, gain_factor=2.0)
+    for name, column in vars(one).items():
+        np.testing.assert_allclose(column, getattr(same, name), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"friction": (0.9, 0.5)},
+        {"friction": (-0.1, 0.5)},
+        {"density_factor": (0.0, 1.0)},
+        {"gain_factor": (1.0, np.inf)},
+        {"position_sd_m": -0.001},
+        {"size_error_m": np.nan},
+    ],
+)
+def test_a_variation_that_cannot_be_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=f"{next(iter(wrong))} must be finite, positive and in ascending order"):
+        Variation(**wrong)
 
 
 def test_conditions_are_the_physics_own_unless_they_are_given() -> None:

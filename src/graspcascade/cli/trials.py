@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import Positional, arg
 
-from ..core.errors import InputError
+from ..core.errors import MAX_SEED, InputError, check_whole
 from ..core.files import write_json
 from ..core.grasps import Grasps
 from ..core.intervals import wilson
@@ -34,6 +34,8 @@ class Trial:
     hand: HandName = "shadow"
     protocol: ProtocolName = "paper"
     engine: EngineName = "mujoco"
+    seed: int = 0
+    """Seed of what a protocol draws for each trial."""
     out: Path | None = None
     """Also write the report to this .json file."""
     threads: Threads = 0
@@ -52,8 +54,10 @@ class Trial:
         for note in document.notes:
             print(f"graspcascade trial: {note}", file=sys.stderr)
         grasps = document.grasps
+        check_whole("seed", self.seed, most=MAX_SEED)
+        conditions = protocol.conditions(len(grasps), self.seed)
         with console.bar("trials", len(grasps)) as progress:
-            outcomes = engine.run(hand, grasps, protocol, progress=progress.advance)
+            outcomes = engine.run(hand, grasps, protocol, conditions, progress=progress.advance)
         report = console.plain(_report(grasps, outcomes, protocol.name, document.metadata.get("model")))
         if self.out is not None:
             write_json(self.out, report, allow_nan=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -125,6 +125,61 @@ class Conditions:
         return as_quat(Rotation.from_rotvec(self.rotation_error_rad))
 
 
+@dataclass(frozen=True)
+class Variation:
+    """Say how the conditions of trials differ at random from a protocol's physics, by independent draws.
+
+    Attributes:
+        friction: least and greatest, uniform between; None leaves the physics' own.
+        density_factor: least and greatest factor on the physics' own, log-uniform between.
+        gain_factor: likewise.
+        position_sd_m: standard deviation of the object's place at the start, along each axis.
+        rotation_sd_rad: standard deviation of its turn at the start, about an axis drawn uniformly.
+        size_error_m: most by which all its extents may be larger or smaller, uniform.
+
+    Raises:
+        InputError: bounds in the wrong order, or a number that is negative or not finite.
+    """
+
+    friction: tuple[float, float] | None = None
+    density_factor: tuple[float, float] = (1.0, 1.0)
+    gain_factor: tuple[float, float] = (1.0, 1.0)
+    position_sd_m: float = 0.0
+    rotation_sd_rad: float = 0.0
+    size_error_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            value, least = getattr(self, part.name), 1e-9 if part.name.endswith("_factor") else 0.0
+            numbers = value if isinstance(value, tuple) else (0.0 if value is None else value,)
+            if not all(least <= number < math.inf for number in numbers) or list(numbers) != sorted(numbers):
+                raise InputError(f"{part.name} must be finite, positive and in ascending order, got {value}")
+
+    def draw(self, physics: Physics, n: int, seed: int | Sequence[int]) -> Conditions:
+        """Draw conditions of n trials; those of a trial depend on the seed and its row alone."""
+        numbers = np.array([_draw(np.random.default_rng([*np.atleast_1d(seed), row])) for row in range(n)])
+        uniform, normal = numbers[:, :4], numbers[:, 4:]
+        axis = normal[:, 4:7] / np.linalg.norm(normal[:, 4:7], axis=1, keepdims=True)
+
+        def between(low: float, high: float, column: int) -> Array:
+            return np.asarray(low + (high - low) * uniform[:, column])
+
+        columns = {}
+        for column, name in enumerate(("density_factor", "gain_factor"), 1):
+            low, high = np.log(getattr(self, name)).tolist()
+            columns[name] = getattr(physics, name) * np.exp(between(low, high, column))
+        if self.friction is not None:
+            columns["friction"] = between(*self.friction, 0)
+        columns["position_error_m"] = self.position_sd_m * normal[:, :3]
+        columns["rotation_error_rad"] = self.rotation_sd_rad * normal[:, 3:4] * axis
+        columns["size_error_m"] = between(-self.size_error_m, self.size_error_m, 3)
+        return Conditions.of(physics, n, **columns)
+
+
+def _draw(rng: np.random.Generator) -> Array:
+    return np.concatenate([rng.uniform(size=4), rng.normal(size=7)])
+
+
 def _shape(name: str, n: int) -> tuple[int, ...]:
     return (n, 3) if name in ("position_error_m", "rotation_error_rad") else (n,)
 
@@ -237,6 +292,7 @@ class Protocol(_Numbers):
         overlap_m: deeper overlap of hand and object at the start is the failure `overlap`.
         displacement_m: the object's centre must stay this near to where closing left it.
         physics: physics of every trial, unless a trial has conditions of its own.
+        variation: how each trial's conditions differ from it, None where all are alike.
 
     Raises:
         InputError: a number out of range, or no closing phase first, or nothing after it.
@@ -252,6 +308,7 @@ class Protocol(_Numbers):
     overlap_m: float = 0.001
     displacement_m: float = 0.050
     physics: Physics = Physics()
+    variation: Variation | None = None
 
     _above_zero = ("displacement_m",)
 
@@ -284,6 +341,10 @@ class Protocol(_Numbers):
             check_name("number of physics", number, [part.name for part in fields(Physics)])
         return replace(self, name=name, physics=replace(self.physics, **numbers))
 
+    def conditions(self, n: int, seed: int | Sequence[int] = 0) -> Conditions | None:
+        """Draw the conditions of n trials (see `Variation.draw`); None where all are as in the physics."""
+        return None if self.variation is None else self.variation.draw(self.physics, n, seed)
+
     def to_json(self) -> dict[str, Any]:
         """Describe name, phases, criterion and physics as plain data."""
         return asdict(self) | {"phases": [{"phase": phase.kind} | asdict(phase) for phase in self.phases]}
@@ -307,7 +368,11 @@ class Protocol(_Numbers):
         for about in data["phases"]:
             check_name("phase of a protocol", about.get("phase"), PHASES)
             phases.append(PHASES[about["phase"]](**{k: v for k, v in about.items() if k != "phase"}))
-        return cls(**{**data, "phases": tuple(phases), "physics": Physics(**data["physics"])})
+        varied: dict[str, Any] = data.get("variation") or {}
+        varied = {name: tuple(value) if isinstance(value, list) else value for name, value in varied.items()}
+        variation = Variation(**varied) if varied else None
+        physics = Physics(**data["physics"])
+        return cls(**{**data, "phases": tuple(phases), "physics": physics, "variation": variation})
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,7 +419,13 @@ HOLD = PAPER.with_physics("hold", noslip_iterations=3)
 """`PAPER` with contacts that do not creep, so that a verdict does not depend on how long the weight acts.
 
 Its contact settings are the cheapest that keep the limits of ``benchmarks/physics/contacts.py``."""
-PROTOCOLS: Mapping[str, Protocol] = {protocol.name: protocol for protocol in (PAPER, HOLD)}
+VARIED = replace(
+    HOLD,
+    name="varied",
+    variation=Variation((0.5, 1.0), (0.5, 2.0), (0.7, 1.4), 0.002, math.radians(3.0), 0.001),
+)
+"""`HOLD`, each trial with a draw of its own of what a user with a camera and a real hand meets."""
+PROTOCOLS: Mapping[str, Protocol] = {protocol.name: protocol for protocol in (PAPER, HOLD, VARIED)}
 """Every protocol by name."""
 
 

@@ -49,7 +49,8 @@ class Engine(Protocol):
     ) -> Outcomes:
         """Execute every grasp, joints matched by name; outcomes are in the order of the grasps.
 
-        Conditions are those of each trial, where they differ from the protocol's physics.
+        Conditions are those of each trial, where they differ from the protocol's physics; a protocol that varies them
+        needs them.
         """
         ...
 
@@ -81,6 +82,7 @@ def run_trials(
     *,
     hand: Hand | str | None = None,
     conditions: Conditions | None = None,
+    seed: int = 0,
     engine: str = "mujoco",
     observe: Observer | None = None,
     progress: Progress | None = None,
@@ -92,7 +94,8 @@ def run_trials(
         grasps: what to execute.
         protocol: a protocol or its name.
         hand: a hand, a hand file or a shipped hand's name; by default the shipped hand that the grasps are for.
-        conditions: of each trial, where they differ from the protocol's physics.
+        conditions: of each trial, where they differ from the protocol's physics; by default what the protocol draws.
+        seed: of the protocol's draws.
         engine: name of the engine.
         observe: sees every trial as it goes.
         progress: hears how many trials were decided.
@@ -108,10 +111,9 @@ def run_trials(
         >>> outcomes.verdict.shape, outcomes.touch_columns
         ((2,), ('thumb', 'index', 'middle', 'ring', 'little', 'palm'))
     """
-    chosen = load_hand(grasps.hand if hand is None else hand)
-    return as_engine(engine, **options).run(
-        chosen, grasps, as_protocol(protocol), conditions, observe=observe, progress=progress
-    )
+    chosen, trial = load_hand(grasps.hand if hand is None else hand), as_protocol(protocol)
+    conditions = trial.conditions(len(grasps), seed) if conditions is None else conditions
+    return as_engine(engine, **options).run(chosen, grasps, trial, conditions, observe=observe, progress=progress)
 
 
 def check_joints(grasps: Grasps, hand: Hand) -> None:

@@ -25,6 +25,8 @@ from .rounds import CELLS, Pair, setting_of, try_round
 
 MOST_DRAWS_PER_TRIAL = 1000
 """Candidates drawn of a cell for each trial of a round before it is called hopeless; the shipped prior needs three."""
+_STREAM = 0xC011
+"""Keeps draws of conditions apart from those of grasps."""
 RARE_RATE, RARE_AFTER_TRIALS = 0.05, 1000
 """An object and type of which less than this share holds, after so many trials, is hardly worth waiting for."""
 
@@ -172,8 +174,9 @@ def collect(
             begun = time.perf_counter()
             draw = CollectionRound(proposal, tuple(asked), number, spec, cells)
             grasps, n_skipped = draw.screened()
-            outcomes = try_round(grasps, draw, hand, protocol, engine, workers=workers, progress=tick)
-            entry = write_round(folder, number, grasps, outcomes) | {"screened_out": n_skipped}
+            conditions = protocol.conditions(len(grasps), (spec.seed, number, _STREAM))
+            outcomes = try_round(grasps, draw, hand, protocol, engine, conditions, workers=workers, progress=tick)
+            entry = write_round(folder, number, grasps, outcomes, conditions) | {"screened_out": n_skipped}
             shards[number : number + 1] = [entry | _count(cells, grasps, outcomes)]
             del lost[:1]
             # Kept apart from what the same seed gives again.

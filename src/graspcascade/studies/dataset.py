@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,14 @@ from ..core.files import holds_nothing, read_json, sole_writer, write_json, writ
 from ..core.grasps import Grasps
 from ..core.outcomes import PALM, Outcomes
 from ..core.poses import Pose, canonical_quat
+from ..core.protocols import Conditions
 from ..core.records import Columns, gather, gather_pose, read_tasks, spread, spread_pose
 from ..core.taxonomy import DIGITS
 
 METADATA_FILE = "metadata.json"
 SCHEMA_VERSION = 1
 
+_AXES = ("x", "y", "z")
 _GRASP_NUMBERS = ("side_m", "grasp_size_m")
 _OUTCOME_NUMBERS = ("object_size_m", "displacement_m", "turn_rad", "duration_s")
 
@@ -38,6 +40,7 @@ class Dataset:
     Attributes:
         grasps: every trial's grasp; `object_size_m` is what the trial measured.
         outcomes: what became of each.
+        conditions: those of each trial, None where all are as in the protocol's physics.
         metadata: schema version, protocol, hand, objects, seed, counts, versions, checksums.
 
     Example:
@@ -57,6 +60,7 @@ class Dataset:
 
     grasps: Grasps
     outcomes: Outcomes
+    conditions: Conditions | None
     metadata: dict[str, Any]
 
 
@@ -73,8 +77,7 @@ def load_dataset(folder: Path | str) -> Dataset:
         raise InputError(f"{folder} holds no shards yet")
     parts = [_read_shard(folder / entry["file"], entry["sha256"]) for entry in metadata["shards"]]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    grasps, outcomes = from_columns(columns, metadata)
-    return Dataset(grasps, outcomes, metadata)
+    return Dataset(*from_columns(columns, metadata), metadata)
 
 
 def _read_shard(path: Path, sha256: str) -> Columns:
@@ -97,8 +100,8 @@ def _read_shard(path: Path, sha256: str) -> Columns:
 # Columns
 
 
-def to_columns(grasps: Grasps, outcomes: Outcomes) -> Columns:
-    """Spread grasps and their outcomes over named scalar columns."""
+def to_columns(grasps: Grasps, outcomes: Outcomes, conditions: Conditions | None = None) -> Columns:
+    """Spread grasps, their outcomes and, where they differ, the conditions over named scalar columns."""
     columns: Columns = {"grasp_type": grasps.grasp_type, "object_label": grasps.object_name}
     columns |= {"side_axis": grasps.side_axis, "verdict": outcomes.verdict}
     columns |= {"held": outcomes.held, "faithful": outcomes.faithful(grasps)}
@@ -110,11 +113,16 @@ def to_columns(grasps: Grasps, outcomes: Outcomes) -> Columns:
     columns |= spread_pose("settled_object", outcomes.X_hand_object_settled)
     columns |= spread("touch_closed", outcomes.touch_columns, outcomes.touching_closed)
     columns |= spread("touch_end", outcomes.touch_columns, outcomes.touching_end)
+    if conditions is not None:
+        for name, values in vars(conditions).items():
+            columns |= {name: values} if values.ndim == 1 else spread(name, _AXES, values)
     return {name: v.astype(np.float32) if v.dtype == np.float64 else v for name, v in columns.items()}
 
 
-def from_columns(columns: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) -> tuple[Grasps, Outcomes]:
-    """Rebuild grasps and outcomes from shard columns.
+def from_columns(
+    columns: Mapping[str, NDArray[Any]], about: Mapping[str, Any]
+) -> tuple[Grasps, Outcomes, Conditions | None]:
+    """Rebuild grasps, outcomes and conditions from shard columns.
 
     Args:
         columns: of one or more shards.
@@ -151,9 +159,16 @@ def from_columns(columns: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) 
             X_hand_object_settled=_unit_pose(columns, "settled_object"),
             **{name: numbers[name] for name in _OUTCOME_NUMBERS},
         )
+        conditions = _conditions(columns) if "friction" in columns else None
     except KeyError as error:
         raise FileFormatError(f"the dataset lacks column {error.args[0]!r}") from error
-    return grasps, outcomes
+    return grasps, outcomes, conditions
+
+
+def _conditions(columns: Mapping[str, NDArray[Any]]) -> Conditions:
+    names = [part.name for part in fields(Conditions)]
+    made = {name: gather(columns, name, _AXES) if f"{name}_x" in columns else columns[name] for name in names}
+    return Conditions(**{name: np.asarray(values, dtype=np.float64) for name, values in made.items()})
 
 
 def _unit_pose(columns: Mapping[str, NDArray[Any]], prefix: str) -> Pose:
@@ -253,10 +268,13 @@ def write_shard(path: Path, columns: Columns) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def write_round(folder: Path, number: int, grasps: Grasps, outcomes: Outcomes) -> dict[str, Any]:
+def write_round(
+    folder: Path, number: int, grasps: Grasps, outcomes: Outcomes, conditions: Conditions | None = None
+) -> dict[str, Any]:
     """Write the rows of a round as a shard, and return what the metadata lists of it: file, sha256 and rows."""
     path = shard_path(folder, number)
-    return {"file": path.name, "sha256": write_shard(path, to_columns(grasps, outcomes)), "rows": len(grasps)}
+    digest = write_shard(path, to_columns(grasps, outcomes, conditions))
+    return {"file": path.name, "sha256": digest, "rows": len(grasps)}
 
 
 def is_intact(folder: Path, entry: Mapping[str, Any]) -> bool:

@@ -126,11 +126,14 @@ def evaluate(
         tell(0)
         for number in [*lost, *range(len(kept), len(rounds))]:
             grasps = draws[number]()
-            outcomes = try_round(grasps, draws[number], hand, protocol, engine, workers=workers, progress=tell)
+            conditions = protocol.conditions(len(grasps), (seed, number, _STREAM, 1))
+            outcomes = try_round(
+                grasps, draws[number], hand, protocol, engine, conditions, workers=workers, progress=tell
+            )
             if number == 0:
                 metadata.setdefault("first_round_mean", _mean(grasps))
             if out is not None and _keeps_rows():
-                entry = write_round(Path(out), number, grasps, outcomes)
+                entry = write_round(Path(out), number, grasps, outcomes, conditions)
                 shards = {shard["file"]: shard for shard in metadata["shards"]} | {entry["file"]: entry}
                 metadata["shards"] = list(shards.values())
             kept[number : number + 1] = [{"counts": _count(len(cells), rounds[number], grasps, outcomes)}]

@@ -12,7 +12,7 @@ from ..core.errors import InputError
 from ..core.grasps import Grasps
 from ..core.objects import CATALOGUE, GraspObject
 from ..core.outcomes import Outcomes
-from ..core.protocols import Protocol
+from ..core.protocols import Conditions, Protocol
 from ..core.taxonomy import GRASP_TYPES, GraspType
 from ..engines import Engine
 from ..hands import Hand
@@ -70,11 +70,13 @@ class TrialJob:
     engine: Engine
     first: int
     stride: int
+    conditions: Conditions | None = None
+    """Of these trials alone."""
 
     def __call__(self, report: Callable[[int], None]) -> Outcomes:
         """Try the rows; `report` hears the number of trials decided since the last call."""
         grasps = self.draw()[self.first :: self.stride]
-        return self.engine.run(self.hand, grasps, self.protocol, progress=report)
+        return self.engine.run(self.hand, grasps, self.protocol, self.conditions, progress=report)
 
 
 def try_round(
@@ -83,6 +85,7 @@ def try_round(
     hand: Hand,
     protocol: Protocol,
     engine: Engine,
+    conditions: Conditions | None = None,
     *,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
@@ -95,14 +98,16 @@ def try_round(
         hand: to execute with.
         protocol: the trial.
         engine: what tries them; in several processes, each has one thread.
+        conditions: of each trial, where the protocol varies them.
         workers: processes, 0 for as many as processors; 1 stays in this one.
         progress: called with the number of trials decided since the last call.
     """
     stride = max(1, min(worker_count(workers), len(grasps)))
     if stride == 1:
-        return engine.run(hand, grasps, protocol, progress=progress)
-    each = engine.on_one_thread()
-    jobs = [TrialJob(draw, hand, protocol, each, first, stride) for first in range(stride)]
+        return engine.run(hand, grasps, protocol, conditions, progress=progress)
+    each, rows = engine.on_one_thread(), [slice(first, None, stride) for first in range(stride)]
+    own = [None if conditions is None else conditions[some] for some in rows]
+    jobs = [TrialJob(draw, hand, protocol, each, first, stride, own[first]) for first in range(stride)]
     parts = run_jobs(jobs, stride, None if progress is None else lambda _, decided: progress(decided))
     order = np.argsort(np.concatenate([np.arange(first, len(grasps), stride) for first in range(stride)]))
     return Outcomes.concatenate(parts)[order]

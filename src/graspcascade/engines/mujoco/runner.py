@@ -76,6 +76,8 @@ class MujocoEngine:
             raise InputError("an abridged trial cannot be observed; give creep=None")
         if self.n_threads < 0 or self.n_slots < 1:
             raise InputError(f"threads must be at least 0 and slots at least 1, got {self.n_threads}, {self.n_slots}")
+        if conditions is None and protocol.variation is not None:
+            raise InputError(f"protocol {protocol.name} varies: give the conditions, protocol.conditions(n)")
         if conditions is not None and len(conditions) != len(grasps):
             raise InputError(f"there are conditions of {len(conditions)} trials for {len(grasps)} grasps")
         check_joints(grasps, hand)
