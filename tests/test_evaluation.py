@@ -94,6 +94,7 @@ def fake_run(grasps: Grasps) -> Outcomes:
     share = grasps.posture[:, 0]
     outcomes.verdict[:] = np.where(share < 0.5, "held", np.array(VERDICTS)[1:][(share * 1000).astype(int) % 5])
     outcomes.touching_end[:] = (share < 0.3)[:, None]
+    outcomes.turn_rad[:] = share
     return outcomes
 
 
@@ -102,7 +103,7 @@ def no_physics(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Put the fake in the runner's place and record how many trials each round executed."""
     executed: list[int] = []
 
-    def run(_: MujocoEngine, hand: Hand, grasps: Grasps, protocol: Protocol, **options: Any) -> Outcomes:
+    def run(_: MujocoEngine, hand: Hand, grasps: Grasps, protocol: Protocol, *own: Any, **options: Any) -> Outcomes:
         executed.append(len(grasps))
         if options["progress"] is not None:
             options["progress"](len(grasps))
