@@ -59,7 +59,8 @@ def test_a_heuristic_samples_objects_of_any_size(hand: Hand, prior: PosturePrior
     np.testing.assert_array_equal(one.grasps.X_hand_object.position_m, again.grasps.X_hand_object.position_m)
     assert one.name == "tripod_box_32x41x60mm_x_seed1"
     assert one.grasps.side_m.tolist() == [0.032] * 4
-    assert one.metadata["source"] == "screened"
+    assert one.metadata == heuristic.origin(request.grasp_type, request.object) | {"asked": one.metadata["asked"]}
+    assert (one.metadata["source"], one.metadata["model"]) == ("heuristic", "screened")
     assert Session(one, hand).frame("settled").object == as_object("box:32x41x60mm")
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import FlagCreatePairsOff, arg
 
+from .. import hands
 from ..core.errors import InputError
 from ..core.poses import Pose
 
@@ -151,17 +152,14 @@ def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Pr
     from ..proposals.heuristic import SCREENING_DRAWS, Heuristic
 
     if model in ("heuristic", "screened"):
-        from ..hands import load_hand
-
-        return Heuristic(load_hand(hand or "shadow"), load_prior(prior), SCREENING_DRAWS if model == "screened" else 1)
+        own = hands.load_hand("shadow" if hand is None else hand)
+        return Heuristic(own, load_prior(prior), SCREENING_DRAWS if model == "screened" else 1)
     if prior is not None:
         raise InputError(f"a prior is the heuristic's; give --model heuristic or screened with it, got --model {model}")
     shipped = model == "default" or (os.sep not in model and not Path(model).exists())
     sampler = GraspSampler.pretrained(model) if shipped else GraspSampler.load(model)
     if hand is not None:
-        from ..hands import load_hand
-
-        asked = load_hand(hand)
+        asked = hands.load_hand(hand)
         if set(asked.joint_names) != set(sampler.hand.joint_names):
             raise InputError(
                 f"model {model!r} is for {sampler.hand.name}; {asked.name} has other joints. Train a model for it, or "
@@ -172,11 +170,9 @@ def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Pr
 
 def load_executing_hand(hand: str | None, proposal: Proposal) -> Hand:
     """Load the hand that executes a proposal's grasps: the one asked for, else the proposal's own."""
-    from ..hands import load_hand, shipped_hand
-
     if hand is not None:
-        return load_hand(hand or proposal.hand.name)
-    own = proposal.hand if proposal.hand.mjcf is not None else shipped_hand(proposal.hand.name)
+        return hands.load_hand(hand)
+    own = proposal.hand if proposal.hand.mjcf is not None else hands.shipped_hand(proposal.hand.name)
     if own is None:
         name = proposal.hand.name
         raise InputError(f"model {proposal.name!r} is for {name}, which is not shipped; give its file with --hand")

@@ -27,15 +27,15 @@ class Verb(NamedTuple):
 
 _AGAIN = "what is finished is kept: run the same command again to go on"
 VERBS: Mapping[str, Verb] = {
-    "sample": Verb("sample", "grasps of a type for an object, from a trained cascade or the heuristic"),
+    "sample": Verb("grasps", "grasps of a type for an object, from a trained cascade or the heuristic"),
     "trial": Verb("trials", "execute the grasps of a file in physics"),
     "evaluate": Verb("trials", "success rates of a model or of the heuristic", f"with --out, {_AGAIN}"),
     "seeds": Verb("learning", "labelled seed postures by inverse kinematics"),
     "prior": Verb("learning", "train the posture prior from seeds or recordings"),
     "collect": Verb("learning", "collect trials of the heuristic as a dataset", _AGAIN),
     "train": Verb("learning", "train a cascade on a dataset"),
-    "view": Verb("view", "a web page: sample, see, try and download grasps"),
-    "export": Verb("export", "write the grasps of a file in another format"),
+    "view": Verb("grasps", "a web page: sample, see, try and download grasps"),
+    "export": Verb("grasps", "write the grasps of a file in another format"),
     "hands": Verb("catalogue", "list the hands, or show one's joints, limits and frames"),
     "objects": Verb("catalogue", "list the objects and their graspable sides"),
     "completion": Verb("catalogue", "a completion script for bash or zsh"),
@@ -71,6 +71,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return FAILED
     except (OSError, FloatingPointError) as error:
         return _fail(name, str(error), FAILED)
+    except MemoryError as error:
+        return _fail(name, f"not enough memory for this {name}: {error}".rstrip(": "), FAILED)
     except KeyboardInterrupt:
         resume = VERBS[name].resume if name in VERBS else ""
         return _fail(name, "interrupted" + (f"; {resume}" if resume else ""), INTERRUPTED)
@@ -123,6 +125,10 @@ def _parse(name: str, arguments: list[str]) -> Any:
     import tyro
 
     verb, complaint = command_class(name), io.StringIO()
+    given = {argument.replace("_", "-") for argument in arguments if argument.startswith("--")}
+    for option in given:
+        if (opposite := option.replace("--", "--no-", 1)) in given:
+            raise InputError(f"give {option} or {opposite}, not both (see graspcascade {name} --help)")
     try:
         with contextlib.redirect_stderr(complaint):
             return tyro.cli(verb, args=arguments, prog=f"graspcascade {name}", config=tyro_config())

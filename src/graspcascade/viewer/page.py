@@ -15,7 +15,7 @@ import viser
 from ..core.errors import InputError, check_name
 from ..core.objects import CATALOGUE, GraspObject, as_object
 from ..core.protocols import Protocol
-from ..core.taxonomy import as_type
+from ..core.taxonomy import GRASP_TYPES, as_type
 from ..formats import FORMATS_BY_NAME
 from ..hands import Hand
 from ..proposals import Proposal
@@ -45,7 +45,7 @@ class Start:
     """Say what every browser begins with.
 
     Attributes:
-        proposal: where grasps come from.
+        proposal: where grasps come from; None for a hand that there is no model of, to look at a file alone.
         hand: the hand that executes them, with its MJCF.
         request: what the panel is set to.
         protocol: the trials' protocol.
@@ -53,7 +53,7 @@ class Start:
         note: the first message.
     """
 
-    proposal: Proposal
+    proposal: Proposal | None
     hand: Hand
     request: SampleRequest
     protocol: Protocol
@@ -69,8 +69,9 @@ class Panel:
         self.reach_m = start.hand.reach_m
         own = CATALOGUE.get(request.object.name) != request.object
         with gui.add_folder("Sample"):
-            types = tuple(kind.name for kind in start.hand.grasp_types)
-            self.grasp_type = gui.add_dropdown("type", types, initial_value=request.grasp_type.name)
+            types = tuple(kind.name for kind in start.hand.grasp_types) or tuple(GRASP_TYPES)
+            begin = request.grasp_type.name if request.grasp_type.name in types else types[0]
+            self.grasp_type = gui.add_dropdown("type", types, initial_value=begin)
             chosen = OWN_SIZE if own else request.object.name
             self.object = gui.add_dropdown("object", (*CATALOGUE, OWN_SIZE), initial_value=chosen)
             size = request.object.shape.spelling() if own else "box:32x41x60mm"
@@ -189,6 +190,12 @@ class Page:
             self._show_new(start.note)
         self._connect()
 
+    @property
+    def _proposal(self) -> Proposal:
+        if self._start.proposal is None:
+            raise InputError(f"no model for {self._start.hand.name} to sample from: give one by --model")
+        return self._start.proposal
+
     def close(self) -> None:
         """End what still plays."""
         self._halt.set()
@@ -225,7 +232,7 @@ class Page:
         try:
             kind, obj = as_type(c.grasp_type.value), c.chosen_object()
             choices = side_choices(obj, c.reach_m)
-            c.measured.content = measured_html(measured(self._start.proposal, kind, obj))
+            c.measured.content = measured_html(measured(self._proposal, kind, obj))
         except InputError as error:
             # A size may be half typed, which is no reason for a message yet.
             c.measured.content = measured_html(None, str(error))
@@ -235,7 +242,7 @@ class Page:
 
     @_action
     def _sample(self) -> None:
-        self.session.show(sample_batch(self._start.proposal, self._start.hand, self.panel.request()))
+        self.session.show(sample_batch(self._proposal, self._start.hand, self.panel.request()))
         if self.panel.view.value == TRIAL:
             put(self.panel.view, VIEWS[0])
         self._show_new(f"{len(self.session)} grasps sampled")

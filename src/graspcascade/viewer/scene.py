@@ -12,8 +12,7 @@ from ..core.objects import Shape
 from ..core.poses import as_quat
 from ..hands import Hand
 from .recording import Frame
-from .shapes import hand_parts, shape_mesh
-from .style import OBJECT_RGB, RGB
+from .shapes import OBJECT_RGB, RGB, hand_parts, shape_mesh
 
 _FLOOR_M = -0.26
 _STILL_M, _STILL_QUAT = 5e-5, 5e-4

@@ -22,7 +22,7 @@ import websockets.asyncio.server
 from ..core.errors import InputError
 from ..hands import Hand
 from .page import Page, Start
-from .style import hand_bounds
+from .shapes import hand_bounds
 
 TITLE = "graspcascade"
 _SIGHT = np.array([-0.5, 0.8, -0.33])

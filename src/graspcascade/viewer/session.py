@@ -25,7 +25,6 @@ from ..engines import run_trials
 from ..formats import FORMATS_BY_NAME, ExportOptions, load_executable, save_grasps
 from ..hands import Hand
 from ..proposals import Proposal
-from ..proposals.cascade.sampler import GraspSampler
 from .recording import Frame, Recording, record
 
 MAX_GRASPS = 200
@@ -113,7 +112,7 @@ def sample_batch(proposal: Proposal, hand: Hand, request: SampleRequest) -> Batc
     asked = {"grasp_type": kind.name, "object": obj.name, "side_axis": axis, "n": request.n, "seed": request.seed}
     side = "" if axis is None else f"_{axis}"
     name = f"{kind.name}_{obj.name}{side}_seed{request.seed}".replace(":", "_")
-    return Batch(_ordered(grasps, hand), name, _origin(proposal, kind, obj) | {"asked": asked})
+    return Batch(_ordered(grasps, hand), name, proposal.origin(kind, obj) | {"asked": asked})
 
 
 def file_batch(path: Path, hand: Hand, trust_pickle: bool = False) -> Batch:
@@ -137,15 +136,9 @@ def _ordered(grasps: Grasps, hand: Hand) -> Grasps:
     return replace(grasps, joint_names=hand.joint_names, posture=posture, pregrasp=pregrasp)
 
 
-def _origin(proposal: Proposal, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
-    if isinstance(proposal, GraspSampler):
-        return proposal.origin(kind, obj)
-    return {"source": proposal.name, "hand": proposal.hand.name} | proposal.describe()
-
-
 def measured(proposal: Proposal, kind: GraspType, obj: GraspObject) -> Mapping[str, Any] | None:
     """Look up what was measured of a type and object: `held` of `n` trials under `protocol`; None where nothing was."""
-    return next(iter(_origin(proposal, kind, obj).get("measured", {}).values()), None)
+    return next(iter(proposal.origin(kind, obj)["measured"].values()), None)
 
 
 def with_friction(friction: float) -> Protocol:
