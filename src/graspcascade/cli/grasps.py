@@ -207,12 +207,12 @@ class View:
         from ..viewer.page import Start
         from ..viewer.session import SampleRequest, file_batch, sample_batch, with_friction
 
-        names = {"grasp_type": "grasp_type", "object": "obj", "side_axis": "side_axis", "n": "n", "seed": "seed"}
+        names = ("grasp_type", "object", "side_axis", "n", "seed")
         given = {name: value for name in names if (value := getattr(self, name)) is not None}
         if self.file is not None and given:
             raise InputError(f"give a file or what to sample, not both: {self.file} and {', '.join(given)}")
         protocol = PAPER if self.friction is None else with_friction(self.friction)
-        request = SampleRequest.of(**{names[name]: value for name, value in given.items()})
+        request = SampleRequest.of(**given)
         proposal: Proposal | None
         if self.file is None or self.hand is None or self.model != "default" or self.prior is not None:
             proposal = console.load_proposal(self.model, self.hand, self.prior)
