@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspcascade.cli import main
+from graspcascade.cli import VERBS, main
 from graspcascade.cli.console import Bar
-from graspcascade.cli.main import VERBS
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import CATALOGUE
 from graspcascade.core.outcomes import VERDICTS, Outcomes

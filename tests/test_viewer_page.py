@@ -28,8 +28,7 @@ from graspcascade.proposals.prior import PosturePrior
 from graspcascade.viewer import Batch, SampleRequest, sample_batch
 from graspcascade.viewer import server as server_module
 from graspcascade.viewer.page import ANY_SIDE, OWN_SIZE, Page, Start, same_side, side_axis, side_choices
-from graspcascade.viewer.server import close_server, open_server, serve
-from graspcascade.viewer.standalone import write_standalone
+from graspcascade.viewer.server import close_server, open_server, serve, write_standalone
 
 PATIENCE_S = 30.0
 VISER = f"viser-v{viser.__version__}"

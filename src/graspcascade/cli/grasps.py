@@ -186,7 +186,7 @@ class View:
             console.check_out(self.html, ".html", "a standalone page")
         start = self._start()
         if self.html is not None:
-            from ..viewer.standalone import write_standalone
+            from ..viewer.server import write_standalone
 
             shown, total = write_standalone(self.html, start.batch, start.hand, start.protocol), len(start.batch.grasps)
             of_all = "" if shown == total else f" (the first of {total})"

@@ -89,8 +89,7 @@ class Renderer:
     def frame(self, frame: Frame, view: View = THUMB_SIDE) -> Image:
         """Draw a moment, its posture in the order of the hand's joints; ``(height, width, 3)`` red, green and blue.
 
-        Raises:
-            InputError: the hand has no MJCF.
+        A hand without an MJCF is an `InputError`.
         """
         drawable = self._drawable(frame.object.shape, with_hand=True)
         for name, angle in zip(self.hand.joint_names, frame.posture, strict=True):
@@ -121,7 +120,7 @@ class Renderer:
 
 @dataclass(frozen=True)
 class _Drawable:
-    """Hold a compiled model with its state and what MuJoCo draws it with; the world frame is the hand frame."""
+    """A compiled model with its state and what MuJoCo draws it with; the world frame is the hand frame."""
 
     model: Any
     data: Any
@@ -187,14 +186,8 @@ def _light(spec: Any, width: int, height: int) -> None:
     backdrop, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
     spec.add_texture(name="backdrop", type=backdrop, builtin=flat, **white)
     for position, strength, shadow in (([0.4, -0.5, 1.0], 0.52, True), ([-0.8, -0.6, 0.2], 0.2, False)):
-        spec.worldbody.add_light(
-            pos=position,
-            dir=[-coordinate for coordinate in position],
-            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-            diffuse=[strength] * 3,
-            specular=[0.15] * 3,
-            castshadow=shadow,
-        )
+        light = spec.worldbody.add_light(pos=position, dir=[-coordinate for coordinate in position], castshadow=shadow)
+        light.type, light.diffuse, light.specular = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, [strength] * 3, [0.15] * 3
 
 
 def need_renderer() -> None:
@@ -229,11 +222,7 @@ def moments(recording: Recording) -> tuple[Frame, ...]:
 
 
 def grasp_strip(renderer: Renderer, grasps: Grasps, protocol: Protocol = PAPER) -> Any:
-    """Draw grasps in rows of three moments, each from two sides, whatever became of them.
-
-    Raises:
-        InputError: the grasps' joints are not those of the renderer's hand.
-    """
+    """Draw grasps in rows of three moments, each from two sides, whatever became of them; errors are `in_order`'s."""
     rows, words = [], []
     for index, one in enumerate(record(in_order(grasps, renderer), renderer.hand, protocol)):
         rows.append([renderer.frame(frame, view) for frame in moments(one) for view in (THUMB_SIDE, FINGER_SIDE)])
@@ -251,7 +240,7 @@ def grasp_strip(renderer: Renderer, grasps: Grasps, protocol: Protocol = PAPER) 
 
 
 def in_order(grasps: Grasps, renderer: Renderer) -> Grasps:
-    """Check that grasps are of the joints of the renderer's hand, in order."""
+    """Refuse by an `InputError` grasps of other joints than the renderer's hand, or in another order."""
     if grasps.joint_names != renderer.hand.joint_names:
         raise InputError(f"these grasps are of other joints than {renderer.hand.name}'s, or in another order")
     return grasps

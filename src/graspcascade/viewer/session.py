@@ -87,13 +87,9 @@ class Batch:
 
 
 def sample_batch(proposal: Proposal, hand: Hand, request: SampleRequest) -> Batch:
-    """Sample what is asked for; the same request gives the same grasps.
-
-    Raises:
-        InputError: the hand cannot do it, or the proposal does not know the type or the object.
-    """
+    """Sample what is asked for, or raise an `InputError`; the same request gives the same grasps."""
     hand.check_type(request.grasp_type)
-    kind, obj, axis, n, seed = vars(request).values()
+    kind, obj, axis, n, seed = request.grasp_type, request.object, request.side_axis, request.n, request.seed
     site = None if axis is None else obj.site(axis, hand.reach_m)
     grasps = proposal.propose_alike(obj, kind, site, n, np.random.default_rng(seed))
     asked = {"grasp_type": kind.name, "object": obj.name, "side_axis": axis, "n": n, "seed": seed}
@@ -102,10 +98,9 @@ def sample_batch(proposal: Proposal, hand: Hand, request: SampleRequest) -> Batc
 
 
 def file_batch(path: Path, hand: Hand, trust_pickle: bool = False) -> Batch:
-    """Open a grasp file of any format; pickled ones, which run whatever code they carry, only where they are trusted.
+    """Open a grasp file of any format, or raise an `InputError` where it cannot be read or lacks joints of the hand.
 
-    Raises:
-        InputError: it cannot be read, holds no grasps or lacks joints of the hand.
+    Pickled files, which run whatever code they carry, are read only where they are trusted.
     """
     document = load_executable(path, hand, trust_pickle=trust_pickle)
     return Batch(_ordered(document.grasps, hand), path.stem, document.metadata, document.X_world_object)
@@ -123,11 +118,7 @@ def measured(proposal: Proposal, kind: GraspType, obj: GraspObject) -> Mapping[s
 
 
 def with_friction(friction: float) -> Protocol:
-    """Make the paper protocol at another friction, under a name that says so.
-
-    Raises:
-        InputError: a friction outside `FRICTION_RANGE`.
-    """
+    """Make the paper protocol at another friction, under a name that says so; `FRICTION_RANGE` is allowed."""
     low, high = FRICTION_RANGE
     if not low <= friction <= high:
         raise InputError(f"friction must be between {low:g} and {high:g}, got {friction:g}")
@@ -190,12 +181,9 @@ class Session:
         return len(untried) - len(chosen)
 
     def frame(self, view: str) -> Frame:
-        """Look at the grasp in one of `VIEWS`.
+        """Look at the grasp in one of `VIEWS`; another name is an `InputError`.
 
         `settled` executes the grasp if need be; of a trial that ended before the hand had closed it is the end.
-
-        Raises:
-            InputError: an unknown view.
         """
         check_name("view", view, VIEWS)
         if view == "settled":
