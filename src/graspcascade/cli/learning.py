@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -91,11 +92,7 @@ class Prior:
         seeds = _make_seeds(hand, SeedSpec()) if given is None else import_postures(given, hand, unit=self.unit)
         absent = [name for name in GRASP_TYPES if name not in seeds.grasp_type]
         with console.bar("training") as progress:
-
-            def report(record: EpochRecord) -> None:
-                progress.show(record.epoch, record.epochs, note=f"loss {record.train_loss:.3f}")
-
-            prior = fit_prior(hand, seeds, self.training, report)
+            prior = fit_prior(hand, seeds, self.training, partial(shows_epochs(progress, 1), "prior"))
         prior.save(self.out)
         if self.json:
             counts = {name: int((seeds.grasp_type == name).sum()) for name in GRASP_TYPES}

@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +23,7 @@ from ..core.grasps import Grasps
 from ..core.objects import GraspObject, Shape
 from ..core.protocols import PAPER, Protocol
 from ..hands import Hand, read_spec
+from ..worlds.world import hand_to_world, object_geom
 from .recording import Frame, Recording, record
 from .shapes import OBJECT_RGB, RGB, body_rgb, hand_bounds
 
@@ -106,8 +108,6 @@ class Renderer:
 
     def _drawable(self, shape: Shape, *, with_hand: bool) -> _Drawable:
         """Look up what draws a kind of shape, and give it the shape's size."""
-        from ..worlds.world import object_geom
-
         key = (shape.kind, with_hand)
         self._context.make_current()
         if key not in self._drawables:
@@ -128,8 +128,6 @@ class _Drawable:
     gpu: Any
 
     def picture(self, view: View, towards_m: Any, span_m: float, width: int, height: int) -> Image:
-        import mujoco
-
         mujoco.mj_forward(self.model, self.data)
         camera, everything = mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL.value
         camera.type, camera.lookat = mujoco.mjtCamera.mjCAMERA_FREE, towards_m
@@ -148,10 +146,6 @@ class _Drawable:
 
 
 def _build(hand: Hand | None, shape: Shape, width: int, height: int) -> _Drawable:
-    import mujoco
-
-    from ..worlds.world import hand_to_world, object_geom
-
     spec = mujoco.MjSpec() if hand is None else read_spec(hand)
     if hand is not None:
         hand_to_world(spec, hand)
@@ -176,8 +170,6 @@ def _rgba(rgb: RGB) -> list[float]:
 
 
 def _light(spec: Any, width: int, height: int) -> None:
-    import mujoco
-
     visual, white = spec.visual, {"rgb1": [1.0] * 3, "rgb2": [1.0] * 3, "width": 64, "height": 64}
     visual.global_.offwidth, visual.global_.offheight, visual.global_.fovy = width, height, _FIELD_DEG
     visual.map.znear, visual.map.zfar, visual.quality.shadowsize = 0.1, 30.0, 4096
@@ -269,12 +261,9 @@ def blank_figure(width_inch: float, height_inch: float) -> Any:
     """Make an empty white figure that belongs to no window."""
     need_matplotlib()
     # Only those who draw wait for matplotlib to load.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width_inch, height_inch), facecolor="white")
-    FigureCanvasAgg(figure)
-    return figure
+    return Figure(figsize=(width_inch, height_inch), facecolor="white")
 
 
 def check_png(path: Path) -> None:

@@ -164,7 +164,7 @@ class Session:
         self.index = index % len(self)
 
     def recording(self) -> Recording:
-        """Execute the grasp looked at, unless that is done, and look up its recording."""
+        """Look up the recording of the grasp looked at, which is executed once."""
         if self.index not in self._recordings:
             with _PHYSICS:
                 (recording,) = record(self.grasp, self.hand, self.protocol)

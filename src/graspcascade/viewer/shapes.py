@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, cast
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -64,8 +65,6 @@ def hand_parts(hand: Hand) -> tuple[Part, ...]:
     Raises:
         InputError: the hand has no MJCF.
     """
-    import mujoco
-
     model = read_spec(hand).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -88,8 +87,6 @@ def hand_parts(hand: Hand) -> tuple[Part, ...]:
 
 def geom_mesh(model: Any, geom: int) -> Trimesh | None:
     """Mesh one geom of a compiled MuJoCo model in its body's frame; None for kinds that have no volume."""
-    import mujoco
-
     kind, size = mujoco.mjtGeom, model.geom_size[geom]
     match kind(int(model.geom_type[geom])):
         case kind.mjGEOM_SPHERE:
