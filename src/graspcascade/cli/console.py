@@ -143,11 +143,7 @@ def load_prior(path: Path | None) -> PosturePrior:
 
 
 def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Proposal:
-    """Load what `--model` names; a folder that has the name of a shipped cascade is given as ``./name``.
-
-    Raises:
-        InputError: no such model or hand, a prior with a cascade, or a hand of other joints than the cascade's.
-    """
+    """Load what `--model` names; a folder that has the name of a shipped cascade is given as ``./name``."""
     from ..proposals.cascade.sampler import GraspSampler
     from ..proposals.heuristic import SCREENING_DRAWS, Heuristic
 
@@ -158,13 +154,9 @@ def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Pr
         raise InputError(f"a prior is the heuristic's; give --model heuristic or screened with it, got --model {model}")
     shipped = model == "default" or (os.sep not in model and not Path(model).exists())
     sampler = GraspSampler.pretrained(model) if shipped else GraspSampler.load(model)
-    if hand is not None:
-        asked = hands.load_hand(hand)
-        if set(asked.joint_names) != set(sampler.hand.joint_names):
-            raise InputError(
-                f"model {model!r} is for {sampler.hand.name}; {asked.name} has other joints. Train a model for it, or "
-                "give --model screened with a --prior of its own"
-            )
+    if hand is not None and set((own := hands.load_hand(hand)).joint_names) != set(sampler.hand.joint_names):
+        what = f"model {model!r} is for {sampler.hand.name}; {own.name} has other joints"
+        raise InputError(f"{what}. Train a model for it, or give --model screened with a --prior of its own")
     return sampler
 
 
@@ -174,8 +166,8 @@ def load_executing_hand(hand: str | None, proposal: Proposal) -> Hand:
         return hands.load_hand(hand)
     own = proposal.hand if proposal.hand.mjcf is not None else hands.shipped_hand(proposal.hand.name)
     if own is None:
-        name = proposal.hand.name
-        raise InputError(f"model {proposal.name!r} is for {name}, which is not shipped; give its file with --hand")
+        what = f"model {proposal.name!r} is for {proposal.hand.name}"
+        raise InputError(f"{what}, which is not shipped; give its file with --hand")
     return own
 
 

@@ -13,23 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from tyro.conf import Positional, arg
 
-from .. import hands
+from .. import formats, hands
 from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
 from ..core.intervals import wilson
 from ..core.objects import as_object
 from ..core.poses import Pose
 from ..core.taxonomy import as_type
-from ..formats import (
-    FORMATS_BY_NAME,
-    Assumptions,
-    ExportOptions,
-    GraspDocument,
-    check_target,
-    document_to_json,
-    load_document,
-    save_grasps,
-)
 from ..formats.registry import format_to_write
 from . import console
 from .console import HandName, Json, ModelName, ObjectPose, OwnHand, PoseNumbers, PriorFile, Trust, numbers
@@ -40,7 +30,7 @@ if TYPE_CHECKING:
 
 _PICTURED = 4
 _FORMAT_HELP = "Format to write; by default the suffix of --out says. One of " + "; ".join(
-    f"{name} ({known.description})" for name, known in FORMATS_BY_NAME.items()
+    f"{name} ({known.description})" for name, known in formats.FORMATS_BY_NAME.items()
 )
 
 
@@ -84,7 +74,7 @@ class Sample:
         if self.side_cm is not None and self.side_axis is not None:
             raise InputError("give --side-cm or --side-axis, not both")
         if self.out is not None:
-            check_target(self.out, self.format)
+            formats.check_target(self.out, self.format)
         if self.picture is not None:
             # Sampling alone needs neither physics nor a renderer.
             from ..viewer.pictures import check_png, need_matplotlib, need_renderer
@@ -104,7 +94,7 @@ class Sample:
         versions = {"graspcascade": version("graspcascade"), "numpy": np.__version__}
         metadata = proposal.origin(kind, obj) | {"asked": asked, "versions": versions}
         if self.out is not None:
-            save_grasps(self.out, grasps, metadata=metadata, X_world_object=placed, format=self.format)
+            formats.save_grasps(self.out, grasps, metadata=metadata, X_world_object=placed, format=self.format)
         pictured = grasps[:_PICTURED]
         if self.picture is not None:
             from ..viewer.pictures import Renderer, grasp_strip, save_png
@@ -112,7 +102,7 @@ class Sample:
             with Renderer(console.load_executing_hand(self.hand, proposal)) as renderer:
                 save_png(grasp_strip(renderer, pictured), self.picture)
         if self.json:
-            console.print_json(document_to_json(GraspDocument(grasps, metadata, placed)))
+            console.print_json(formats.document_to_json(formats.GraspDocument(grasps, metadata, placed)))
             return
         if self.out is not None:
             print(f"wrote {len(grasps)} grasps to {self.out}")
@@ -128,22 +118,18 @@ class Sample:
 
 def _print_summary(grasps: Grasps, placed: Pose | None) -> None:
     print(f"{grasps.grasp_type[0]} grasps of {grasps.object_name[0]}; the object in the hand (palm) frame:")
-    pose, rows = grasps.X_hand_object, range(len(grasps))
-    columns = {
-        "#": [str(i) for i in rows],
-        "side\ncm": [f"{grasps.side_axis[i]} {grasps.side_m[i] * 100:g}" for i in rows],
-        "grasp\ncm": [f"{grasps.grasp_size_m[i] * 100:.1f}" for i in rows],
-        "position mm\n(x y z)": [numbers(pose.position_m[i] * 1000, "6.1f") for i in rows],
-        "quaternion\n(w x y z)": [numbers(pose.quat_wxyz[i], "6.3f") for i in rows],
-    }
-    console.print_table(list(columns), [list(row) for row in zip(*columns.values(), strict=True)])
+    pose, rows = grasps.X_hand_object, []
+    for i, (axis, side_m, grasp_m) in enumerate(zip(grasps.side_axis, grasps.side_m, grasps.grasp_size_m, strict=True)):
+        at = numbers(pose.position_m[i] * 1000, "6.1f"), numbers(pose.quat_wxyz[i], "6.3f")
+        rows.append([str(i), f"{axis} {side_m * 100:g}", f"{grasp_m * 100:.1f}", *at])
+    titles = ["#", "side\ncm", "grasp\ncm", "position mm\n(x y z)", "quaternion\n(w x y z)"]
+    console.print_table(titles, rows)
     if placed is not None:
-        hand = grasps.hand_pose(placed)
         print("hand (palm) frame in the world, for the object pose given:")
-        console.print_table(
-            ["#", "position m (x y z)", "quaternion (w x y z)"],
-            [[str(i), numbers(hand.position_m[i], "7.4f"), numbers(hand.quat_wxyz[i], "6.3f")] for i in rows],
-        )
+        hand = grasps.hand_pose(placed)
+        poses = enumerate(zip(hand.position_m, hand.quat_wxyz, strict=True))
+        rows = [[str(i), numbers(place, "7.4f"), numbers(quat, "6.3f")] for i, (place, quat) in poses]
+        console.print_table(["#", "position m (x y z)", "quaternion (w x y z)"], rows)
     print("Joint angles: --json prints them, --out FILE.json writes them.")
 
 
@@ -274,14 +260,14 @@ class Export:
 
     def run(self) -> None:
         """Read, then write."""
-        check_target(self.out, self.format)
+        formats.check_target(self.out, self.format)
         settle = format_to_write(self.out, self.format).contact if self.settle is None else self.settle
         rates = {} if self.evaluation is None else _rates(self.evaluation)
         hand, placed = hands.load_hand(self.hand), console.object_pose(self.object_pose)
         kind = None if self.grasp_type is None else as_type(self.grasp_type).name
         obj = None if self.object is None else as_object(self.object)
-        assume = Assumptions(kind, obj, self.side_axis, self.joint_numbering, hand)
-        document = load_document(self.grasps, self.from_format, trust_pickle=self.trust_pickle, assume=assume)
+        assume = formats.Assumptions(kind, obj, self.side_axis, self.joint_numbering, hand)
+        document = formats.load_document(self.grasps, self.from_format, trust_pickle=self.trust_pickle, assume=assume)
         grasps, metadata, outcomes = document.grasps, document.metadata, None
         if not len(grasps):
             raise InputError(f"{self.grasps} holds no grasps")
@@ -292,7 +278,7 @@ class Export:
 
             with console.bar("trials", len(grasps)) as progress:
                 outcomes = run_trials(grasps, hand=hand, progress=progress.advance)
-        options = ExportOptions(
+        options = formats.ExportOptions(
             held_rates=rates,
             outcomes=outcomes,
             contact="settled" if settle else "target",
@@ -305,7 +291,9 @@ class Export:
             hand=hand,
         )
         placed = document.X_world_object if placed is None else placed
-        save_grasps(self.out, grasps, metadata=metadata, X_world_object=placed, format=self.format, options=options)
+        formats.save_grasps(
+            self.out, grasps, metadata=metadata, X_world_object=placed, format=self.format, options=options
+        )
         unknown = int(np.isnan(options.with_rates_of(metadata).confidence(grasps)).sum())
         held = None if outcomes is None else int(outcomes.held.sum())
         if self.json:
@@ -320,10 +308,9 @@ class Export:
 
 def _rates(path: Path) -> dict[tuple[str, str], float]:
     # Evaluations load the physics engine.
-    from ..formats import held_rates
     from ..studies.record import Evaluation
 
     try:
-        return held_rates(Evaluation.load(path))
+        return formats.held_rates(Evaluation.load(path))
     except FileFormatError as error:
         raise FileFormatError(f"{error} (--evaluation takes what `graspcascade evaluate --json` prints)") from error

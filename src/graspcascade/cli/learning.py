@@ -123,6 +123,10 @@ def _make_seeds(hand: Hand, spec: SeedSpec) -> LabelledPostures:
         return make_seeds(hand, spec, progress.advance)
 
 
+def _rate(state: CollectionState) -> str:
+    return percent(state.held.sum() / trials if (trials := state.trials.sum()) else None)
+
+
 @dataclass(frozen=True)
 class Collect:
     """Collect trials of the heuristic's candidates; run again with the same arguments to go on."""
@@ -208,11 +212,6 @@ class _Watch:
         if spec.most_trials_per_cell:
             missing = np.minimum(missing, spec.most_trials_per_cell - trials)
         return int(np.ceil(missing / spec.round_per_cell).sum()) * spec.round_per_cell
-
-
-def _rate(state: CollectionState) -> str:
-    trials = int(state.trials.sum())
-    return percent(int(state.held.sum()) / trials if trials else None)
 
 
 @dataclass(frozen=True)

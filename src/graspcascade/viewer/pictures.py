@@ -6,6 +6,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
@@ -62,7 +63,7 @@ FINGER_SIDE = View(azimuth_deg=28.0)
 """Shows the fingers that the object hides from the thumb's side."""
 
 
-class Renderer:
+class Renderer(AbstractContextManager["Renderer"]):
     """Draw one hand with any object, in the colours of the page; width and height of a picture are in pixels.
 
     Raises:
@@ -81,9 +82,6 @@ class Renderer:
             drawable.gpu.free()
         self._drawables.clear()
         self._context.free()
-
-    def __enter__(self) -> Renderer:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -38,13 +38,12 @@ class Frame:
 
 @dataclass(frozen=True)
 class Recording:
-    """T frames of one trial.
+    """T frames of one trial, of which `outcome` is the one row of what became of it.
 
     Attributes:
         steps: ``(T,)`` simulation steps done; the first frame is the start.
         posture: ``(T, J)`` joint angles in the order of the grasp's joints, radians.
         X_hand_object: ``(T, 3)`` and ``(T, 4)`` object poses in the hand frame.
-        outcome: what became of it, one row.
     """
 
     protocol: Protocol
@@ -105,7 +104,7 @@ class Recording:
         return phase, phase.kind
 
 
-def record(grasps: Grasps, hand: Hand, protocol: Protocol, *, n_threads: int = 1) -> list[Recording]:
+def record(grasps: Grasps, hand: Hand, protocol: Protocol) -> list[Recording]:
     """Execute grasps in physics and keep what can be seen, one recording each."""
     start = np.concatenate([grasps.X_hand_object.position_m, grasps.X_hand_object.quat_wxyz], axis=1)
     seen: list[list[tuple[int, Array, Array]]] = [[(0, *state)] for state in zip(grasps.pregrasp, start, strict=True)]
@@ -118,7 +117,7 @@ def record(grasps: Grasps, hand: Hand, protocol: Protocol, *, n_threads: int = 1
             if ok:
                 seen[row].append((int(state[0]), state[1], state[2]))
 
-    outcomes = run_trials(grasps, protocol, hand=hand, n_threads=n_threads, observe=observe)
+    outcomes = run_trials(grasps, protocol, hand=hand, n_threads=1, observe=observe)
 
     def recording(row: int) -> Recording:
         steps, postures, poses = zip(*seen[row], strict=True)

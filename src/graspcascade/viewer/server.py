@@ -200,11 +200,7 @@ def _check_address(host: str, port: int) -> None:
 
 
 def write_standalone(path: Path, batch: Batch, hand: Hand, protocol: Protocol) -> int:
-    """Execute the first `MAX_SHOWN` grasps, write them as one HTML file that needs no network, and count them.
-
-    Raises:
-        InputError: no such folder.
-    """
+    """Execute the first `MAX_SHOWN` grasps, write them as one HTML file that needs no network, and count them."""
     check_file_place(path)
     session = Session(Batch(batch.grasps[:MAX_SHOWN], batch.name, batch.metadata), hand, protocol)
     recordings = []
@@ -216,8 +212,16 @@ def write_standalone(path: Path, batch: Batch, hand: Hand, protocol: Protocol) -
         html = _scene_html(server, session, recordings)
     finally:
         close_server(server)
-    write_text(path, _with_overlay(html, session, len(batch.grasps)))
-    return len(session)
+    # The table goes over the scene and the name into the title.
+    name, total, shown = escape(batch.name), len(batch.grasps), len(session)
+    left_out = f"<div style='padding:0 0.75em;font-size:0.8em'>the first {shown} of {total}</div>"
+    overlay = (
+        f'<details open style="{_OVERLAY}"><summary style="padding:0 0.6em;cursor:pointer"><b>{name}</b></summary>'
+        f"{left_out if shown < total else ''}{table_html(session, mark=False)}</details>"
+    )
+    head, end, tail = html.replace("<title>Viser</title>", f"<title>{name} - {TITLE}</title>").rpartition("</body>")
+    write_text(path, f"{head}{overlay}{end}{tail}")
+    return shown
 
 
 def _scene_html(server: viser.ViserServer, session: Session, recordings: Sequence[Recording]) -> str:
@@ -246,16 +250,3 @@ def _scene_html(server: viser.ViserServer, session: Session, recordings: Sequenc
         verdict = str(recording.outcome.verdict[0]).replace("_", " ")
         show(recording.frame(row), f"{title}: {verdict} (protocol {session.protocol.name})", _PAUSE_S)
     return serializer.as_html()
-
-
-def _with_overlay(html: str, session: Session, total: int) -> str:
-    """Put the table over the scene and the name into the title."""
-    name = escape(session.batch.name)
-    left_out = f"<div style='padding:0 0.75em;font-size:0.8em'>the first {len(session)} of {total}</div>"
-    overlay = (
-        f'<details open style="{_OVERLAY}"><summary style="padding:0 0.6em;cursor:pointer"><b>{name}</b></summary>'
-        f"{left_out if total > len(session) else ''}{table_html(session, mark=False)}</details>"
-    )
-    titled = html.replace("<title>Viser</title>", f"<title>{name} - {TITLE}</title>")
-    head, end, tail = titled.rpartition("</body>")
-    return f"{head}{overlay}{end}{tail}"
