@@ -150,7 +150,16 @@ def _build(hand: Hand | None, shape: Shape, width: int, height: int) -> _Drawabl
         for geom in spec.geoms:
             geom.material = ""
             geom.rgba = _rgba(body_rgb(hand, geom.parent.name.removeprefix(hand.prefix)))
-    _light(spec, width, height)
+    visual, white = spec.visual, {"rgb1": [1.0] * 3, "rgb2": [1.0] * 3, "width": 64, "height": 64}
+    visual.global_.offwidth, visual.global_.offheight, visual.global_.fovy = width, height, _FIELD_DEG
+    visual.map.znear, visual.map.zfar, visual.quality.shadowsize = 0.1, 30.0, 4096
+    head = visual.headlight
+    head.ambient, head.diffuse, head.specular = [0.42] * 3, [0.16] * 3, [0.08] * 3
+    backdrop, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
+    spec.add_texture(name="backdrop", type=backdrop, builtin=flat, **white)
+    for position, strength, shadow in (([0.4, -0.5, 1.0], 0.52, True), ([-0.8, -0.6, 0.2], 0.2, False)):
+        light = spec.worldbody.add_light(pos=position, dir=[-coordinate for coordinate in position], castshadow=shadow)
+        light.type, light.diffuse, light.specular = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, [strength] * 3, [0.15] * 3
     kind, size = object_geom(shape)
     body = spec.worldbody.add_body(name=_OBJECT, mocap=True)
     body.add_geom(name=_OBJECT, type=kind, size=size, rgba=_rgba(OBJECT_RGB), contype=0, conaffinity=0)
@@ -165,19 +174,6 @@ def _build(hand: Hand | None, shape: Shape, width: int, height: int) -> _Drawabl
 
 def _rgba(rgb: RGB) -> list[float]:
     return [*(channel / 255 for channel in rgb), 1.0]
-
-
-def _light(spec: Any, width: int, height: int) -> None:
-    visual, white = spec.visual, {"rgb1": [1.0] * 3, "rgb2": [1.0] * 3, "width": 64, "height": 64}
-    visual.global_.offwidth, visual.global_.offheight, visual.global_.fovy = width, height, _FIELD_DEG
-    visual.map.znear, visual.map.zfar, visual.quality.shadowsize = 0.1, 30.0, 4096
-    head = visual.headlight
-    head.ambient, head.diffuse, head.specular = [0.42] * 3, [0.16] * 3, [0.08] * 3
-    backdrop, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
-    spec.add_texture(name="backdrop", type=backdrop, builtin=flat, **white)
-    for position, strength, shadow in (([0.4, -0.5, 1.0], 0.52, True), ([-0.8, -0.6, 0.2], 0.2, False)):
-        light = spec.worldbody.add_light(pos=position, dir=[-coordinate for coordinate in position], castshadow=shadow)
-        light.type, light.diffuse, light.specular = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, [strength] * 3, [0.15] * 3
 
 
 def need_renderer() -> None:
