@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspcascade.cli import main
+from graspcascade.cli import VERBS, main
 from graspcascade.cli.console import Bar
-from graspcascade.cli.main import VERBS
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import CATALOGUE
 from graspcascade.core.outcomes import VERDICTS, Outcomes
@@ -169,6 +168,8 @@ def test_a_missing_or_unknown_verb_is_refused_with_the_valid_ones(call: Call) ->
         (["prior", "--epochs", "0"], "epochs must be at least 1"),
         (["train", "--data", "x"], "--out"),
         (["hands", "draw"], "draw"),
+        (["export", "g.json", "--out", "h.json", "--settle", "--no-settle"], "--settle or --no-settle, not both"),
+        (["export", "g.json", "--out", "h.json", "--no_settle", "--settle"], "--settle or --no-settle, not both"),
     ],
 )
 def test_arguments_that_cannot_be_read_are_one_line(
@@ -243,6 +244,19 @@ def test_trouble_with_the_disk_is_status_1_and_one_line(
     monkeypatch.setattr("graspcascade.cli.learning.collect", full)
     said = call("collect", "--out", tmp_path / "data")
     assert (said.status, said.err) == (1, "graspcascade collect: no space left on device\n")
+
+
+@pytest.mark.parametrize("cause", [[], ["Unable to allocate 8.00 GiB"]])
+def test_a_want_of_memory_is_status_1_and_one_line(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cause: list[str]
+) -> None:
+    def greedy(*_: object, **__: object) -> None:
+        raise MemoryError(*cause)
+
+    monkeypatch.setattr("graspcascade.cli.learning.collect", greedy)
+    said = call("collect", "--out", tmp_path / "data")
+    assert (said.status, said.out) == (1, "")
+    assert said.err == ": ".join(["graspcascade collect: not enough memory for this collect", *cause]) + "\n"
 
 
 def test_a_killed_worker_is_status_1_and_one_line(call: Call, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -416,7 +430,9 @@ def test_a_heuristic_takes_any_size(call: Call, model: str, tmp_path: Path) -> N
     grasps = load_grasps(out)
     assert grasps.tasks.objects["box:32x41x60mm"].sides_m == pytest.approx({"x": 0.032, "y": 0.041, "z": 0.06})
     assert set(grasps.side_m) == {0.041}
-    assert load_document(out).metadata["model"] == model
+    metadata = load_document(out).metadata
+    assert (metadata["source"], metadata["model"], metadata["measured"]) == ("heuristic", model, {})
+    assert metadata["prior"] == PosturePrior.pretrained().fingerprint()
     assert call("trial", out, "--json").json["grasps"][0]["object"] == "box:32x41x60mm"
 
 

@@ -322,6 +322,24 @@ def test_an_unknown_hand_is_refused_and_the_nearest_one_named() -> None:
         load_hand("shadwo")
 
 
+@pytest.mark.parametrize("given", ["", ".", "a_folder"])
+def test_what_names_no_hand_is_answered_with_what_does(
+    given: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a_folder").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"unknown hand .* Valid: shadow, .* the path of a hand file"):
+        load_hand(given)
+
+
+def test_an_empty_name_is_no_hand_even_beside_a_hand_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_hand(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert load_hand(".").name == "shadow_hand_right"
+    with pytest.raises(InputError, match="unknown hand ''"):
+        load_hand("")
+
+
 @pytest.mark.parametrize("name", ["right_hand.xml", "hand.urdf", "hand.MJCF"])
 def test_a_model_in_place_of_a_hand_file_is_answered_with_what_is_needed(tmp_path: Path, name: str) -> None:
     for path in (tmp_path / name, SHADOW_MJCF):

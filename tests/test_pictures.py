@@ -19,7 +19,7 @@ from graspcascade.core.poses import Pose
 from graspcascade.core.protocols import Protocol
 from graspcascade.hands import Hand, load_hand
 from graspcascade.proposals.cascade.sampler import GraspSampler
-from graspcascade.viewer import Frame, record
+from graspcascade.viewer import Frame, pictures, record
 from graspcascade.viewer.pictures import (
     Renderer,
     View,
@@ -28,7 +28,6 @@ from graspcascade.viewer.pictures import (
     need_matplotlib,
     save_png,
 )
-from graspcascade.viewer.pictures import sheets as sheets_module
 
 MAX_BYTES = 300_000
 
@@ -132,13 +131,13 @@ def test_a_hand_is_drawn_upright_however_its_model_lies(
 @needs_drawing
 def test_two_views_show_what_one_hides(hand: Hand, renderer: Renderer, grasps: Grasps, short: Protocol) -> None:
     (one,) = record(grasps[:1], hand, short)
-    near, far = (renderer.frame(one.frame(-1), view) for view in (sheets_module.THUMB_SIDE, sheets_module.FINGER_SIDE))
+    near, far = (renderer.frame(one.frame(-1), view) for view in (pictures.THUMB_SIDE, pictures.FINGER_SIDE))
     assert np.abs(near.astype(int) - far).mean() > 5
 
 
 def test_moments_go_from_the_open_hand_to_the_end_of_the_trial(grasps: Grasps, hand: Hand, short: Protocol) -> None:
     for row, one in enumerate(record(grasps, hand, short)):
-        placed, closed, end = sheets_module.moments(one)
+        placed, closed, end = pictures.moments(one)
         np.testing.assert_array_equal(placed.posture, grasps.pregrasp[row])
         np.testing.assert_allclose(placed.X_hand_object.position_m, grasps.X_hand_object.position_m[row])
         np.testing.assert_array_equal(closed.posture, one.outcome.settled_posture[0])
@@ -148,7 +147,7 @@ def test_moments_go_from_the_open_hand_to_the_end_of_the_trial(grasps: Grasps, h
 def test_a_trial_that_failed_at_its_start_repeats_the_start(overlapping: Grasps, hand: Hand, short: Protocol) -> None:
     one = record(overlapping, hand, short)[0]
     assert str(one.outcome.verdict[0]) == "overlap"
-    for frame in sheets_module.moments(one):
+    for frame in pictures.moments(one):
         np.testing.assert_array_equal(frame.posture, overlapping.pregrasp[0])
 
 
@@ -170,7 +169,7 @@ def test_grasps_of_other_joints_are_refused(renderer: Renderer, grasps: Grasps) 
 
 
 def test_a_missing_matplotlib_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("graspcascade.viewer.pictures.paper.find_spec", lambda _: None)
+    monkeypatch.setattr("graspcascade.viewer.pictures.find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"pip install '.\[view\]'"):
         need_matplotlib()
 
@@ -179,7 +178,7 @@ def test_a_missing_renderer_names_the_package_and_the_variable(monkeypatch: pyte
     def missing() -> None:
         raise ImportError("no OSMesa library")
 
-    monkeypatch.setattr("graspcascade.viewer.pictures.render._context_class", missing)
+    monkeypatch.setattr("graspcascade.viewer.pictures._context_class", missing)
     with pytest.raises(InputError, match=r"libosmesa6.*MUJOCO_GL=osmesa"):
         Renderer(load_hand())
 
@@ -204,5 +203,5 @@ def test_a_picture_that_cannot_be_written_is_refused_first(name: str, tmp_path: 
 
 
 def test_sampling_alone_loads_no_renderer() -> None:
-    code = "import graspcascade.cli.sample, sys; sys.exit(any(m in sys.modules for m in ('mujoco', 'matplotlib')))"
+    code = "import graspcascade.cli.grasps, sys; sys.exit(any(m in sys.modules for m in ('mujoco', 'matplotlib')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -4,7 +4,7 @@ import gc
 import os
 import queue
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,7 @@ from graspcascade.proposals.prior import PosturePrior
 from graspcascade.viewer import Batch, SampleRequest, sample_batch
 from graspcascade.viewer import server as server_module
 from graspcascade.viewer.page import ANY_SIDE, OWN_SIZE, Page, Start, same_side, side_axis, side_choices
-from graspcascade.viewer.server import close_server, open_server, serve
-from graspcascade.viewer.standalone import write_standalone
+from graspcascade.viewer.server import close_server, open_server, serve, write_standalone
 
 PATIENCE_S = 30.0
 VISER = f"viser-v{viser.__version__}"
@@ -246,6 +245,24 @@ def test_an_object_of_ones_own_size_is_sampled_and_shown(
         visitor.change("size", "box:32x41")
         visitor.wait(lambda _: "lacks a unit" in visitor.panel.measured.content, "what is wrong with the size")
         assert visitor.page.session.grasp.side_axis.tolist() == ["y"]
+    close_server(server)
+
+
+def test_a_page_without_a_model_shows_its_grasps_and_says_what_sampling_needs(
+    cut_hands: Mapping[int, Hand], prior: PosturePrior, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server_module, "Page", Watched)
+    hand = cut_hands[2]
+    batch = sample_batch(Heuristic(hand, prior, 200), hand, SampleRequest.of("tip_pinch", "sphere_small", n=1))
+    server = serve(Start(None, hand, SampleRequest.of(), PAPER, batch), port=0)
+    Watched.written.queue.clear()
+    with connect(f"ws://127.0.0.1:{server.get_port()}", subprotocols=[VISER], max_size=None) as socket:
+        visitor = Visitor(socket)
+        assert "settled" in visitor.panel.about.content
+        assert "no model for hand_of_2" in visitor.panel.measured.content
+        visitor.press("sample")
+        visitor.hears("no model for hand_of_2 to sample from: give one by --model")
+        assert visitor.page.session.batch is batch
     close_server(server)
 
 

@@ -59,7 +59,8 @@ def test_a_heuristic_samples_objects_of_any_size(hand: Hand, prior: PosturePrior
     np.testing.assert_array_equal(one.grasps.X_hand_object.position_m, again.grasps.X_hand_object.position_m)
     assert one.name == "tripod_box_32x41x60mm_x_seed1"
     assert one.grasps.side_m.tolist() == [0.032] * 4
-    assert one.metadata["source"] == "screened"
+    assert one.metadata == heuristic.origin(request.grasp_type, request.object) | {"asked": one.metadata["asked"]}
+    assert (one.metadata["source"], one.metadata["model"]) == ("heuristic", "screened")
     assert Session(one, hand).frame("settled").object == as_object("box:32x41x60mm")
 
 
@@ -72,10 +73,10 @@ def test_a_heuristic_samples_objects_of_any_size(hand: Hand, prior: PosturePrior
         ({"n": float("nan")}, "n must be a whole number"),
         ({"seed": -1}, "seed must be a whole number between 0 and"),
         ({"grasp_type": "tripood"}, "Did you mean 'tripod'"),
-        ({"obj": "cylinder_large", "side_axis": "z"}, "beyond the hand's reach"),
-        ({"obj": "box_small", "side_axis": ""}, "unknown side axis ''"),
-        ({"obj": "sphere:90mm"}, "no side of sphere:90mm is within the hand's reach of 6.5 cm"),
-        ({"obj": "sphere:41mm"}, "knows nine objects"),
+        ({"object": "cylinder_large", "side_axis": "z"}, "beyond the hand's reach"),
+        ({"object": "box_small", "side_axis": ""}, "unknown side axis ''"),
+        ({"object": "sphere:90mm"}, "no side of sphere:90mm is within the hand's reach of 6.5 cm"),
+        ({"object": "sphere:41mm"}, "knows nine objects"),
     ],
 )
 def test_bad_requests_are_refused_in_words(

@@ -19,8 +19,7 @@ from graspcascade.core.objects import CATALOGUE, as_object
 from graspcascade.core.poses import Pose, quat_to_matrix
 from graspcascade.core.yaml_files import load_yaml
 from graspcascade.hands import Hand, load_hand, shipped_hands
-from graspcascade.viewer.shapes import geom_mesh, hand_parts, shape_mesh
-from graspcascade.viewer.style import body_rgb, hand_bounds
+from graspcascade.viewer.shapes import body_rgb, geom_mesh, hand_bounds, hand_parts, shape_mesh
 
 lengths = st.floats(0.001, 0.2)
 # A third of a turn: axes stay axes, so that extents can be told.

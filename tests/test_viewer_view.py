@@ -3,7 +3,7 @@
 import os
 import re
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,11 @@ if not os.environ.get("CI"):  # where everything must run, a missing package is 
 
 from graspcascade.cli import main
 from graspcascade.core.grasps import Grasps
+from graspcascade.core.tasks import Task, Tasks
 from graspcascade.formats import save_grasps
+from graspcascade.hands import Hand
+from graspcascade.proposals.heuristic import Heuristic
+from graspcascade.proposals.prior import PosturePrior
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,23 @@ def test_a_pickled_file_is_read_only_on_trust(capsys: pytest.CaptureFixture[str]
     np.save(pickled, np.array([{"no": "grasp"}], dtype=object))
     assert_refused(view(capsys, pickled), "--trust-pickle")
     assert "--trust-pickle" not in view(capsys, pickled, "--trust-pickle").err
+
+
+def test_a_file_is_shown_with_a_hand_that_no_model_is_of(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, cut_hands: Mapping[int, Hand], prior: PosturePrior
+) -> None:
+    hand, source, out = cut_hands[2], tmp_path / "pinches.json", tmp_path / "page.html"
+    assert hand.mjcf is not None
+    tasks = Tasks.repeat(Task.of("tip_pinch", "sphere:30mm", "x"), 2)
+    grasps = Heuristic(hand, prior, most_draws=200).propose(tasks, np.random.default_rng(0))
+    save_grasps(source, grasps, metadata={})
+    asked = ["--hand", hand.mjcf.with_name("hand.yaml"), "--html", out]
+    said = view(capsys, source, *asked)
+    assert (said.status, said.err) == (0, "")
+    assert out.exists()
+    assert_refused(view(capsys, *asked), "is for shadow_hand_right", "hand_of_2")
+    assert_refused(view(capsys, source, *asked, "--prior", "p.safetensors"), "--model heuristic or screened")
+    assert_refused(view(capsys, source, "--hand", "barrett"), "unknown hand 'barrett'")
 
 
 def test_without_viser_the_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

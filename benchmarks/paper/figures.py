@@ -15,7 +15,7 @@ from graspcascade.core.taxonomy import GRASP_TYPES
 from graspcascade.hands import load_hand
 from graspcascade.proposals.cascade.sampler import GraspSampler
 from graspcascade.studies.record import Cell, Evaluation
-from graspcascade.viewer.pictures.paper import FAINT, INK, blank_figure, save_png
+from graspcascade.viewer.pictures import FAINT, INK, blank_figure, save_png
 
 from .published import MAIN_MODELS
 from .runs import StageCurves, TrainingCurves, read_results

@@ -17,9 +17,7 @@ from graspcascade.core.protocols import PAPER, Protocol
 from graspcascade.core.taxonomy import as_type
 from graspcascade.hands import Hand
 from graspcascade.proposals import Proposal
-from graspcascade.viewer.pictures.paper import FAINT, INK, blank_figure
-from graspcascade.viewer.pictures.render import Renderer
-from graspcascade.viewer.pictures.sheets import MOMENTS, grid, in_order, moments
+from graspcascade.viewer.pictures import FAINT, INK, MOMENTS, Renderer, blank_figure, grid, in_order, moments
 from graspcascade.viewer.recording import record
 
 TYPES_ON: tuple[tuple[str, str], ...] = (

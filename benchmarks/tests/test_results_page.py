@@ -252,7 +252,7 @@ def test_the_command_says_what_it_cannot_use(results: Path, tmp_path: Path, caps
 def test_figures_without_matplotlib_are_refused_before_the_page(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("graspcascade.viewer.pictures.paper.find_spec", lambda _: None)
+    monkeypatch.setattr("graspcascade.viewer.pictures.find_spec", lambda _: None)
     said = refused(capsys, "--results", results, "--out", tmp_path / "a.md", "--figures", tmp_path / "figures")
     assert "'.[view]'" in said
     assert not (tmp_path / "a.md").exists()

@@ -14,7 +14,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
-from graspcascade.viewer.style import OBJECT_RGB
+from graspcascade.viewer.shapes import OBJECT_RGB
 
 PATIENCE_S = 40.0
 ORANGE = np.array(OBJECT_RGB) / max(OBJECT_RGB)

@@ -20,7 +20,7 @@ from graspcascade.core.outcomes import VERDICTS
 from graspcascade.formats import load_grasps
 from graspcascade.viewer import with_friction
 from graspcascade.viewer.page import Start
-from graspcascade.viewer.standalone import write_standalone
+from graspcascade.viewer.server import write_standalone
 
 
 def play(browser: Browser) -> str:

@@ -11,8 +11,8 @@ from tyro.conf import Positional, arg
 
 from ..core.objects import CATALOGUE
 from ..hands import Hand, load_hand, shipped_hands
+from . import VERBS, command_class, tyro_config
 from .console import HandName, Json, numbers, print_json, print_table
-from .main import VERBS, command_class, tyro_config
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,10 @@ class Hands:
         if self.json:
             print_json({name: _facts(hand) for name, hand in hands.items()})
             return
-        rows = []
-        for name, hand in hands.items():
-            joints = [str(len(hand.joint_names)), ", ".join(hand.wrist_joints)]
-            rows.append([name, hand.name, " ".join(hand.digits), *joints])
+        rows = [
+            [name, hand.name, " ".join(hand.digits), str(len(hand.joint_names)), ", ".join(hand.wrist_joints)]
+            for name, hand in hands.items()
+        ]
         print_table(["--hand", "name", "digits", "joints", "wrist joints, held at zero"], rows, left=(0, 1, 2, 4))
 
 
@@ -72,18 +72,16 @@ _JOINT = ("name", "lower_deg", "upper_deg", "pregrasp_deg", "actuator")
 
 
 def _facts(hand: Hand) -> dict[str, Any]:
-    angles = np.degrees(np.stack([hand.lower_rad, hand.upper_rad, hand.pregrasp], axis=1)).round(3).tolist()
+    degrees = np.degrees([hand.lower_rad, hand.upper_rad, hand.pregrasp]).round(3).tolist()
     actuators = {joint: actuator.name for actuator in hand.actuators for joint in actuator.weights}
+    joints = zip(hand.joint_names, *degrees, map(actuators.get, hand.joint_names), strict=True)
     base = hand.X_base_hand
     at = {"position_m": base.position_m.round(6).tolist(), "quat_wxyz": base.quat_wxyz.round(6).tolist()}
     return {
         "name": hand.name,
         "reach_m": hand.reach_m,
         "grasp_types": [kind.name for kind in hand.grasp_types],
-        "joints": [
-            dict(zip(_JOINT, (name, *row, actuators.get(name)), strict=True))
-            for name, row in zip(hand.joint_names, angles, strict=True)
-        ],
+        "joints": [dict(zip(_JOINT, joint, strict=True)) for joint in joints],
         "actuators": [asdict(actuator) for actuator in hand.actuators],
         "digits": {name: asdict(digit) for name, digit in hand.digits.items()},
         "palm_bodies": list(hand.palm_bodies),

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import FlagCreatePairsOff, arg
 
+from .. import hands
 from ..core.errors import InputError, check_whole
 from ..core.poses import Pose
 
@@ -140,44 +141,31 @@ def load_prior(path: Path | None) -> PosturePrior:
 
 
 def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Proposal:
-    """Load what `--model` names; a folder that has the name of a shipped cascade is given as ``./name``.
-
-    Raises:
-        InputError: no such model or hand, a prior with a cascade, or a hand of other joints than the cascade's.
-    """
+    """Load what `--model` names; a folder that has the name of a shipped cascade is given as ``./name``."""
     from ..proposals.cascade.sampler import GraspSampler
     from ..proposals.heuristic import SCREENING_DRAWS, Heuristic
 
     if model in ("heuristic", "screened"):
-        from ..hands import load_hand
-
-        return Heuristic(load_hand(hand or "shadow"), load_prior(prior), SCREENING_DRAWS if model == "screened" else 1)
+        own = hands.load_hand("shadow" if hand is None else hand)
+        return Heuristic(own, load_prior(prior), SCREENING_DRAWS if model == "screened" else 1)
     if prior is not None:
         raise InputError(f"a prior is the heuristic's; give --model heuristic or screened with it, got --model {model}")
     shipped = model == "default" or (os.sep not in model and not Path(model).exists())
     sampler = GraspSampler.pretrained(model) if shipped else GraspSampler.load(model)
-    if hand is not None:
-        from ..hands import load_hand
-
-        asked = load_hand(hand)
-        if set(asked.joint_names) != set(sampler.hand.joint_names):
-            raise InputError(
-                f"model {model!r} is for {sampler.hand.name}; {asked.name} has other joints. Train a model for it, or "
-                "give --model screened with a --prior of its own"
-            )
+    if hand is not None and set((own := hands.load_hand(hand)).joint_names) != set(sampler.hand.joint_names):
+        what = f"model {model!r} is for {sampler.hand.name}; {own.name} has other joints"
+        raise InputError(f"{what}. Train a model for it, or give --model screened with a --prior of its own")
     return sampler
 
 
 def load_executing_hand(hand: str | None, proposal: Proposal) -> Hand:
     """Load the hand that executes a proposal's grasps: the one asked for, else the proposal's own."""
-    from ..hands import load_hand, shipped_hand
-
     if hand is not None:
-        return load_hand(hand or proposal.hand.name)
-    own = proposal.hand if proposal.hand.mjcf is not None else shipped_hand(proposal.hand.name)
+        return hands.load_hand(hand)
+    own = proposal.hand if proposal.hand.mjcf is not None else hands.shipped_hand(proposal.hand.name)
     if own is None:
-        name = proposal.hand.name
-        raise InputError(f"model {proposal.name!r} is for {name}, which is not shipped; give its file with --hand")
+        what = f"model {proposal.name!r} is for {proposal.hand.name}"
+        raise InputError(f"{what}, which is not shipped; give its file with --hand")
     return own
 
 

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -86,17 +87,11 @@ class Prior:
         console.need("torch")
         console.check_out(self.out, ".safetensors", "a prior")
         hand = load_hand(self.hand)
-        if self.postures is None:
-            seeds = _make_seeds(hand, SeedSpec())
-        else:
-            seeds = import_postures(self.postures, hand, unit=self.unit)
+        given = self.postures
+        seeds = _make_seeds(hand, SeedSpec()) if given is None else import_postures(given, hand, unit=self.unit)
         absent = [name for name in GRASP_TYPES if name not in seeds.grasp_type]
         with console.bar("training") as progress:
-
-            def report(record: EpochRecord) -> None:
-                progress.show(record.epoch, record.epochs, note=f"loss {record.train_loss:.3f}")
-
-            prior = fit_prior(hand, seeds, self.training, report)
+            prior = fit_prior(hand, seeds, self.training, partial(shows_epochs(progress, 1), "prior"))
         prior.save(self.out)
         if self.json:
             counts = {name: int((seeds.grasp_type == name).sum()) for name in GRASP_TYPES}
@@ -125,6 +120,10 @@ def _row(seeds: Likeness, moved: Likeness) -> list[str]:
 def _make_seeds(hand: Hand, spec: SeedSpec) -> LabelledPostures:
     with console.bar("seed postures", spec.per_type * len(GRASP_TYPES)) as progress:
         return make_seeds(hand, spec, progress.advance)
+
+
+def _rate(state: CollectionState) -> str:
+    return percent(state.held.sum() / trials if (trials := state.trials.sum()) else None)
 
 
 @dataclass(frozen=True)
@@ -157,8 +156,8 @@ class Collect:
                 self.out,
                 engine=engine,
                 workers=self.workers,
-                progress=watch.show_round,
-                tick=watch.show_trials,
+                progress=watch.round,
+                tick=watch.trials,
             )
         trials, held, faithful = (int(counts.sum()) for counts in (state.trials, state.held, state.faithful))
         short = [cell for cell in state.short(self.spec).tolist() if CELLS[cell][1] in proposal.hand.grasp_types]
@@ -181,16 +180,16 @@ class _Watch:
         self._progress, self._spec, self._hand = progress, spec, hand
         self._state, self._in_round, self._said = CollectionState.of(()), 0, set[str]()
 
-    def show_round(self, state: CollectionState) -> None:
+    def round(self, state: CollectionState) -> None:
         """Take what is written into account."""
         self._state, self._in_round = state, 0
         if state.lost and not self._said:
             self._say(f"missing or changed shards are collected again: {', '.join(state.lost)}")
         for cell in state.rare(self._spec):
             self._say(f"{cell_name(CELLS[cell])} hardly ever holds; --most-trials-per-cell gives such cells up")
-        self.show_trials(0)
+        self.trials(0)
 
-    def show_trials(self, decided: int) -> None:
+    def trials(self, decided: int) -> None:
         """Take trials of the round under way into account."""
         self._in_round += decided
         done = int(self._state.trials.sum())
@@ -211,11 +210,6 @@ class _Watch:
         if spec.most_trials_per_cell:
             missing = np.minimum(missing, spec.most_trials_per_cell - trials)
         return int(np.ceil(missing / spec.round_per_cell).sum()) * spec.round_per_cell
-
-
-def _rate(state: CollectionState) -> str:
-    trials = int(state.trials.sum())
-    return percent(int(state.held.sum()) / trials if trials else None)
 
 
 @dataclass(frozen=True)
@@ -240,8 +234,7 @@ class Train:
         console.need("pyarrow")
         console.need("torch")
         console.check_threads(workers=self.workers)
-        chosen = factorization(self.factorization)
-        out = _replaceable(self.out)
+        chosen, out = factorization(self.factorization), _replaceable(self.out)
         hand, dataset = load_hand(self.hand), load_dataset(self.data)
         out.parent.mkdir(parents=True, exist_ok=True)
         with console.bar("training") as progress:
@@ -264,18 +257,15 @@ def shows_epochs(progress: Bar, stages: int) -> Callable[[str, EpochRecord], Non
         latest[stage] = record
         # The stage just heard of stays, so that something is shown when it ends.
         going = {name: r for name, r in latest.items() if name == stage or r.epoch < r.epochs}
-        losses = ", ".join(f"{name} {_loss(r):.3f}" for name, r in going.items())
+        loss = {name: r.train_loss if r.validation_loss is None else r.validation_loss for name, r in going.items()}
+        losses = ", ".join(f"{name} {value:.3f}" for name, value in loss.items())
         progress.show(sum(r.epoch for r in latest.values()), stages * record.epochs, f"loss: {losses}")
 
     return show
 
 
 def _replaceable(folder: Path) -> Path:
-    """Resolve the folder to write, which is moved into place when it is done: what would not go is refused before.
-
-    Raises:
-        InputError: it holds something, or cannot be put in place of what is there.
-    """
+    """Resolve the folder to write, which is moved into place when it is done: what would not go is refused before."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} is not empty; give a new or empty folder")
     folder = folder.resolve()
@@ -286,7 +276,3 @@ def _replaceable(folder: Path) -> Path:
             "folder that is read-only; give a folder inside it or elsewhere"
         )
     return folder
-
-
-def _loss(record: EpochRecord) -> float:
-    return record.train_loss if record.validation_loss is None else record.validation_loss

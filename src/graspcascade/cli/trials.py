@@ -65,27 +65,19 @@ class Trial:
 
 
 def _report(grasps: Grasps, outcomes: Outcomes, protocol_name: str, model: object) -> dict[str, Any]:
-    held, faithful, n = outcomes.held, outcomes.faithful(grasps), len(grasps)
-    places = np.array(outcomes.touch_columns)
-    columns: dict[str, Any] = {
-        "grasp_type": grasps.grasp_type,
-        "object": grasps.object_name,
-        "side_axis": grasps.side_axis,
-        "verdict": outcomes.verdict,
-        "held": held,
-        "faithful": faithful,
-        "steady": outcomes.steady,
-    }
-    columns = {name: column.tolist() for name, column in columns.items()}
-    for name in ("touching_closed", "touching_end"):
-        columns[name] = [places[touches].tolist() for touches in getattr(outcomes, name)]
-    for name in ("object_size_m", "displacement_m", "turn_rad", "duration_s"):
-        columns[name] = getattr(outcomes, name).tolist()
-    counted = {"held": held, "faithful": faithful, "steady": outcomes.steady}
-    rates = {name: wilson(int(flags.sum()), n).to_json() for name, flags in counted.items()}
+    held, faithful, places = outcomes.held, outcomes.faithful(grasps), np.array(outcomes.touch_columns)
+    columns: dict[str, Any] = {"grasp_type": grasps.grasp_type, "object": grasps.object_name}
+    columns |= {"side_axis": grasps.side_axis, "verdict": outcomes.verdict, "held": held, "faithful": faithful}
+    columns["steady"] = outcomes.steady
+    for name in ("touching_closed", "touching_end", "object_size_m", "displacement_m", "turn_rad", "duration_s"):
+        columns[name] = getattr(outcomes, name)
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*(c.tolist() for c in columns.values()), strict=True)]
+    for row in rows:
+        row |= {name: places[row[name]].tolist() for name in ("touching_closed", "touching_end")}
+    report = {"protocol": protocol_name, "model": model, "n": len(grasps)}
+    report |= {name: wilson(int(columns[name].sum()), len(grasps)).to_json() for name in ("held", "faithful", "steady")}
     verdicts = {verdict: int((outcomes.verdict == verdict).sum()) for verdict in VERDICTS}
-    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-    return {"protocol": protocol_name, "model": model, "n": n, **rates, "verdicts": verdicts, "grasps": rows}
+    return report | {"verdicts": verdicts, "grasps": rows}
 
 
 def _print_report(report: dict[str, Any]) -> None:
@@ -96,8 +88,8 @@ def _print_report(report: dict[str, Any]) -> None:
         touching = ", ".join(row["touching_end"] or row["touching_closed"]) or "-"
         turned = "-" if row["turn_rad"] is None else f"{math.degrees(row['turn_rad']):.0f}"
         rows.append([str(number), row["grasp_type"], row["object"], row["side_axis"], verdict, moved, turned, touching])
-    columns = ["#", "type", "object", "side", "verdict", "moved\nmm", "turned\ndeg", "touching"]
-    console.print_table(columns, rows, left=(0, 1, 2, 3, 4, 7))
+    titles = ["#", "type", "object", "side", "verdict", "moved\nmm", "turned\ndeg", "touching"]
+    console.print_table(titles, rows, left=(0, 1, 2, 3, 4, 7))
     _print_rates(report)
 
 
@@ -154,9 +146,8 @@ class Evaluate:
             return
         # Every user's model has the name of its factorization; the folder tells which it is.
         name = evaluation.model if evaluation.model == self.model else f"{evaluation.model} ({self.model})"
-        print(
-            f"{name} under protocol {protocol.name}, {self.per_cell} trials a cell: % held / % held and type-faithful"
-        )
+        rates = "% held / % held and type-faithful"
+        print(f"{name} under protocol {protocol.name}, {self.per_cell} trials a cell: {rates}")
         cells = {(cell.object_label, cell.grasp_type): cell for cell in evaluation.cells}
         rows = [
             [obj, *(_pair(cells.get((obj, kind))) for kind in evaluation.by_type), _pair(tally)]

@@ -91,11 +91,11 @@ def load_hand(hand: Hand | Path | str = "shadow") -> Hand:
     if text in shipped:
         return _read_shipped(shipped[text])
     path = Path(text)
-    if path.is_dir() and (path / HAND_FILE).is_file():
+    if text and (path / HAND_FILE).is_file():
         path /= HAND_FILE
     if path.suffix.lower() in (".xml", ".mjcf", ".urdf"):
         raise InputError(f"{path.name} is a model; give the hand file (.yaml) that says what its parts are")
-    if path.suffix.lower() in YAML_SUFFIXES or path.exists():
+    if path.suffix.lower() in YAML_SUFFIXES or path.is_file():
         return read_hand_file(path)
     known = shipped_hand(text)
     if known is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,10 @@ class Proposal(ABC):
     Attributes:
         name: what rates are quoted under.
         hand: the hand that the grasps are for.
+        source: what a file of grasps calls this kind of proposal.
     """
 
+    source: ClassVar[str] = "own"
     name: str
     hand: Hand
 
@@ -65,6 +67,13 @@ class Proposal(ABC):
     def describe(self) -> dict[str, Any]:
         """Say for a record what the grasps are drawn from."""
         return {}
+
+    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
+        """Say for a file of such grasps where they come from.
+
+        `measured` holds what became of others of the type and object in trials, by "type/object"; empty where unknown.
+        """
+        return {"source": self.source, "model": self.name, "hand": self.hand.name, "measured": {}}
 
 
 def as_proposed(

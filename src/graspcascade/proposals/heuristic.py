@@ -53,6 +53,7 @@ class Heuristic(Proposal):
         <Grasps: 4 tripod of box:32x41x60mm, 22 joints of shadow_hand_right>
     """
 
+    source = "heuristic"
     hand: Hand
     prior: PosturePrior
     most_draws: int = 1
@@ -99,6 +100,10 @@ class Heuristic(Proposal):
         """Say for a record which prior postures are drawn from, and whether grasps are screened."""
         screening = {"most_draws": self.most_draws} if self.most_draws > 1 else {}
         return {"prior": self.prior.fingerprint()} | screening
+
+    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
+        """Say for a file where grasps come from (see `Proposal.origin`), the prior and the screening included."""
+        return super().origin(kind, obj) | self.describe()
 
 
 def place(hand: Hand, postures: ArrayLike, tasks: Tasks, rng: np.random.Generator) -> Grasps:

@@ -40,8 +40,8 @@ class Dataset:
     Attributes:
         grasps: every trial's grasp; `object_size_m` is what the trial measured.
         outcomes: what became of each.
-        conditions: those of each trial, None where all are as in the protocol's physics.
         metadata: schema version, protocol, hand, objects, seed, counts, versions, checksums.
+        conditions: those of each trial, None where all are as in the protocol's physics.
 
     Example:
         >>> from tempfile import TemporaryDirectory
@@ -60,8 +60,8 @@ class Dataset:
 
     grasps: Grasps
     outcomes: Outcomes
-    conditions: Conditions | None
     metadata: dict[str, Any]
+    conditions: Conditions | None = None
 
 
 def load_dataset(folder: Path | str) -> Dataset:
@@ -77,7 +77,8 @@ def load_dataset(folder: Path | str) -> Dataset:
         raise InputError(f"{folder} holds no shards yet")
     parts = [_read_shard(folder / entry["file"], entry["sha256"]) for entry in metadata["shards"]]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return Dataset(*from_columns(columns, metadata), metadata)
+    grasps, outcomes, conditions = from_columns(columns, metadata)
+    return Dataset(grasps, outcomes, metadata, conditions)
 
 
 def _read_shard(path: Path, sha256: str) -> Columns:

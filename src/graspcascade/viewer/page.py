@@ -15,13 +15,13 @@ import viser
 from ..core.errors import InputError, check_name
 from ..core.objects import CATALOGUE, GraspObject, as_object
 from ..core.protocols import Protocol
-from ..core.taxonomy import as_type
+from ..core.taxonomy import GRASP_TYPES, as_type
 from ..formats import FORMATS_BY_NAME
 from ..hands import Hand
 from ..proposals import Proposal
 from .recording import Frame, Recording
-from .scene import SceneNodes
 from .session import VIEWS, Batch, SampleRequest, Session, measured, pack, sample_batch, with_friction
+from .shapes import SceneNodes
 from .words import grasp_html, measured_html, message_html, table_html
 
 P = ParamSpec("P")
@@ -42,18 +42,12 @@ _SIZE_HINT = "Of an object of one's own: box:32x41x60mm, cylinder:27x80mm (diame
 
 @dataclass(frozen=True)
 class Start:
-    """Say what every browser begins with.
+    """What every browser begins with: the panel set to a request, the first grasps and a message.
 
-    Attributes:
-        proposal: where grasps come from.
-        hand: the hand that executes them, with its MJCF.
-        request: what the panel is set to.
-        protocol: the trials' protocol.
-        batch: the first grasps shown.
-        note: the first message.
+    The proposal is None for a hand that there is no model of, to look at a file alone.
     """
 
-    proposal: Proposal
+    proposal: Proposal | None
     hand: Hand
     request: SampleRequest
     protocol: Protocol
@@ -62,15 +56,16 @@ class Start:
 
 
 class Panel:
-    """Hold the widgets of one browser; values that it sends are read as they come and checked where they are used."""
+    """The widgets of one browser; values that it sends are read as they come and checked where they are used."""
 
     def __init__(self, gui: viser.GuiApi, start: Start) -> None:
         request, physics, schedule = start.request, start.protocol.physics, start.protocol.schedule
         self.reach_m = start.hand.reach_m
         own = CATALOGUE.get(request.object.name) != request.object
         with gui.add_folder("Sample"):
-            types = tuple(kind.name for kind in start.hand.grasp_types)
-            self.grasp_type = gui.add_dropdown("type", types, initial_value=request.grasp_type.name)
+            types = tuple(kind.name for kind in start.hand.grasp_types) or tuple(GRASP_TYPES)
+            begin = request.grasp_type.name if request.grasp_type.name in types else types[0]
+            self.grasp_type = gui.add_dropdown("type", types, initial_value=begin)
             chosen = OWN_SIZE if own else request.object.name
             self.object = gui.add_dropdown("object", (*CATALOGUE, OWN_SIZE), initial_value=chosen)
             size = request.object.shape.spelling() if own else "box:32x41x60mm"
@@ -118,8 +113,7 @@ class Panel:
 
 
 def put(widget: Any, value: Any) -> None:
-    """Write a value into a widget."""
-    # viser defines the setter apart from the getter, where a type checker does not find it.
+    """Write a value into a widget; a type checker does not find viser's setter."""
     widget.value = value
 
 
@@ -180,14 +174,19 @@ class Page:
         self.session = Session(start.batch, start.hand, start.protocol)
         self._client, self._start = client, start
         self._halt = threading.Event()
-        self._shown = ""
-        """Words for what the scene shows; the panel never says anything else."""
+        self._shown = ""  # words for what the scene shows; the panel never says anything else
         with client.atomic():
             self._nodes = SceneNodes(client.scene, start.hand)
             self.panel = Panel(client.gui, start)
             self._describe_choice()
             self._show_new(start.note)
         self._connect()
+
+    @property
+    def _proposal(self) -> Proposal:
+        if self._start.proposal is None:
+            raise InputError(f"no model for {self._start.hand.name} to sample from: give one by --model")
+        return self._start.proposal
 
     def close(self) -> None:
         """End what still plays."""
@@ -199,18 +198,23 @@ class Page:
 
     def _connect(self) -> None:
         c = self.panel
+
+        def by_hand(widget: Any, act: Callable[[], None]) -> None:
+            """Act when a person changed a widget, not when the page itself wrote into it."""
+            widget.on_update(lambda event: None if event.client is None else act())
+
         for choice in (c.grasp_type, c.object, c.size):
-            choice.on_update(_by_hand(self._choose))
+            by_hand(choice, self._choose)
+        by_hand(c.grasp, lambda: self._go(c.grasp.value))
+        by_hand(c.view, lambda: _action(Page._look)(self))
+        by_hand(c.time, self._scrub)
+        by_hand(c.friction, self._choose_friction)
         c.sample.on_click(lambda _: self._sample())
         c.flip.on_click(lambda _: self._go(self.session.index + (1 if c.flip.value == NEXT else -1)))
         c.play.on_click(lambda _: self._play())
         c.stop.on_click(lambda _: _action(Page.write)(self))
         c.try_all.on_click(lambda _: self._try_all())
         c.download.on_click(lambda _: self._download())
-        c.grasp.on_update(_by_hand(lambda: self._go(c.grasp.value)))
-        c.view.on_update(_by_hand(lambda: _action(Page._look)(self)))
-        c.time.on_update(_by_hand(self._scrub))
-        c.friction.on_update(_by_hand(self._choose_friction))
 
     @_action
     def _choose(self) -> None:
@@ -225,7 +229,7 @@ class Page:
         try:
             kind, obj = as_type(c.grasp_type.value), c.chosen_object()
             choices = side_choices(obj, c.reach_m)
-            c.measured.content = measured_html(measured(self._start.proposal, kind, obj))
+            c.measured.content = measured_html(measured(self._proposal, kind, obj))
         except InputError as error:
             # A size may be half typed, which is no reason for a message yet.
             c.measured.content = measured_html(None, str(error))
@@ -235,7 +239,7 @@ class Page:
 
     @_action
     def _sample(self) -> None:
-        self.session.show(sample_batch(self._start.proposal, self._start.hand, self.panel.request()))
+        self.session.show(sample_batch(self._proposal, self._start.hand, self.panel.request()))
         if self.panel.view.value == TRIAL:
             put(self.panel.view, VIEWS[0])
         self._show_new(f"{len(self.session)} grasps sampled")
@@ -277,8 +281,7 @@ class Page:
         prepared = self._prepare_trial()
         if prepared is None:
             return
-        recording, speed, halt = prepared
-        began, row = time.monotonic(), 0
+        (recording, speed, halt), began, row = prepared, time.monotonic(), 0
         while row < len(recording) - 1 and not halt.wait(_FRAME_S):
             with self.lock:
                 if halt.is_set():
@@ -355,7 +358,7 @@ class Page:
         self.write()
 
     def _apply_friction(self) -> None:
-        """Take the friction on the panel, which may be one that was refused when it was typed."""
+        # It may be one that was refused when it was typed.
         self.session.use(with_friction(self.panel.friction.value))
 
     @_reported
@@ -371,13 +374,3 @@ class Page:
         """Write what is known of the grasps on the panel."""
         self.panel.about.content = grasp_html(self.session, self._shown)
         self.panel.table.content = table_html(self.session)
-
-
-def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
-    """Act when a person changed a widget, not when the page itself wrote into it."""
-
-    def on_update(event: Any) -> None:
-        if event.client is not None:
-            act()
-
-    return on_update

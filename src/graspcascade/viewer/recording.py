@@ -22,10 +22,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Frame:
-    """Hold one moment.
+    """One moment of a trial.
 
     Attributes:
-        object: the object.
         posture: ``(J,)`` joint angles, radians.
         X_hand_object: object pose in the hand frame, ``(3,)`` and ``(4,)``.
         base_m: ``(3,)`` displacement of the hand's base, metres.
@@ -39,15 +38,12 @@ class Frame:
 
 @dataclass(frozen=True)
 class Recording:
-    """Hold T frames of one trial.
+    """T frames of one trial, of which `outcome` is the one row of what became of it.
 
     Attributes:
-        protocol: what was done.
-        object: with which object.
         steps: ``(T,)`` simulation steps done; the first frame is the start.
         posture: ``(T, J)`` joint angles in the order of the grasp's joints, radians.
         X_hand_object: ``(T, 3)`` and ``(T, 4)`` object poses in the hand frame.
-        outcome: what became of it, one row.
     """
 
     protocol: Protocol
@@ -58,7 +54,6 @@ class Recording:
     outcome: Outcomes
 
     def __len__(self) -> int:
-        """Count the frames."""
         return len(self.steps)
 
     @cached_property
@@ -109,9 +104,10 @@ class Recording:
         return phase, phase.kind
 
 
-def record(grasps: Grasps, hand: Hand, protocol: Protocol, *, n_threads: int = 1) -> list[Recording]:
+def record(grasps: Grasps, hand: Hand, protocol: Protocol) -> list[Recording]:
     """Execute grasps in physics and keep what can be seen, one recording each."""
-    seen: list[list[tuple[int, Array, Array]]] = [[] for _ in range(len(grasps))]
+    start = np.concatenate([grasps.X_hand_object.position_m, grasps.X_hand_object.quat_wxyz], axis=1)
+    seen: list[list[tuple[int, Array, Array]]] = [[(0, *state)] for state in zip(grasps.pregrasp, start, strict=True)]
 
     def observe(rows: NDArray[Any], steps: NDArray[Any], posture: NDArray[Any], pose: NDArray[Any]) -> None:
         # The runner reuses its arrays, so what is kept must be copied. An unstable trial may end in numbers that cannot
@@ -121,20 +117,12 @@ def record(grasps: Grasps, hand: Hand, protocol: Protocol, *, n_threads: int = 1
             if ok:
                 seen[row].append((int(state[0]), state[1], state[2]))
 
-    outcomes = run_trials(grasps, protocol, hand=hand, n_threads=n_threads, observe=observe)
-    return [_recording(grasps[row], protocol, seen[row], outcomes[row]) for row in range(len(grasps))]
+    outcomes = run_trials(grasps, protocol, hand=hand, n_threads=1, observe=observe)
 
+    def recording(row: int) -> Recording:
+        steps, postures, poses = zip(*seen[row], strict=True)
+        pose, obj = np.stack(poses), grasps.tasks[[row]].distinct[0].object
+        X_hand_object = Pose(pose[:, :3], canonical_quat(pose[:, 3:]))
+        return Recording(protocol, obj, np.array(steps), np.stack(postures), X_hand_object, outcomes[row])
 
-def _recording(grasp: Grasps, protocol: Protocol, seen: list[tuple[int, Array, Array]], outcome: Outcomes) -> Recording:
-    start = grasp.X_hand_object
-    first = (0, grasp.pregrasp[0], np.concatenate([start.position_m[0], start.quat_wxyz[0]]))
-    steps, postures, poses = zip(first, *seen, strict=True)
-    pose = np.stack(poses)
-    return Recording(
-        protocol,
-        grasp.tasks.distinct[0].object,
-        np.array(steps, dtype=np.int64),
-        np.stack(postures),
-        Pose(pose[:, :3], canonical_quat(pose[:, 3:])),
-        outcome,
-    )
+    return [recording(row) for row in range(len(grasps))]

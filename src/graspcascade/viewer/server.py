@@ -1,4 +1,4 @@
-"""Serve the page: one `Page` for each browser that connects."""
+"""Serve the page, one `Page` for each browser that connects, or write one that needs no server."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import gzip
 import io
 import ipaddress
 import socket
-import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from html import escape
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -20,15 +21,32 @@ import viser
 import websockets.asyncio.server
 
 from ..core.errors import InputError
+from ..core.files import write_text
+from ..core.protocols import Carry, Protocol
+from ..formats import check_file_place
 from ..hands import Hand
 from .page import Page, Start
-from .style import hand_bounds
+from .recording import Frame, Recording
+from .session import Batch, Session
+from .shapes import SceneNodes, hand_bounds
+from .words import table_html
 
 TITLE = "graspcascade"
 _SIGHT = np.array([-0.5, 0.8, -0.33])
 """Direction of sight in the hand frame: at the palm, from the thumb's side and from above."""
 _FIELD_RAD = 0.7
 _REFUSAL = "Refused: asked for by another site's page or an unknown host name. Open it by the machine's address.\n"
+MAX_SHOWN = 50
+"""Most grasps on one standalone page, which holds every frame of every trial."""
+_FRAME_S = 0.04
+_PAUSE_S = 0.8
+"""How long the start and the end of a trial stay."""
+_CARRY_SPEED = 5.0
+_CAPTION_M = (0.0, -0.06, -0.02)
+_OVERLAY = (
+    "position:fixed;left:0.75em;bottom:4.5em;z-index:10;max-width:30em;background:rgba(255,255,255,0.92);"
+    "border:1px solid #dee2e6;border-radius:0.4em;padding:0.4em 0.2em;font-family:sans-serif;color:#212529"
+)
 
 
 class _LocalServer(viser.ViserServer):
@@ -39,12 +57,7 @@ class _LocalServer(viser.ViserServer):
 
 
 def open_server(host: str, port: int, hand: Hand) -> viser.ViserServer:
-    """Start a server that says nothing by itself and looks at a hand.
-
-    Args:
-        host: address to listen on.
-        port: port to listen on, 0 for any free one.
-        hand: what the camera is to show.
+    """Start a server, at any free port where that is 0, that says nothing by itself and whose camera sees a hand.
 
     Raises:
         InputError: nothing can listen there, or a version of viser that cannot be guarded.
@@ -89,26 +102,23 @@ def serve(start: Start, host: str = "127.0.0.1", port: int = 8080) -> viser.Vise
     warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
     server = open_server(host, port, start.hand)
     pages: dict[int, Page] = {}
-    lock = threading.Lock()
 
     def connect(client: viser.ClientHandle) -> None:
         page = Page(client, start)
-        with lock:
-            pages[client.client_id] = page
+        pages[client.client_id] = page
         if client.client_id not in server.get_clients():
             disconnect(client)
 
-    async def leave(client: viser.ClientHandle) -> None:
-        disconnect(client)
-
     def disconnect(client: viser.ClientHandle) -> None:
-        with lock:
-            page = pages.pop(client.client_id, None)
+        page = pages.pop(client.client_id, None)
         if page is not None:
             page.close()
 
-    server.on_client_connect(connect)
     # Awaited rather than queued, so that what plays stops at once.
+    async def leave(client: viser.ClientHandle) -> None:
+        disconnect(client)
+
+    server.on_client_connect(connect)
     server.on_client_disconnect(leave)
     return server
 
@@ -118,10 +128,6 @@ def is_own_page(headers: Any, host: str) -> bool:
 
     A page of another site could otherwise drive the server through its reader's browser: by opening a connection of its
     own, which the origin gives away, or by pointing a name of its own at this machine, which the host gives away.
-
-    Args:
-        headers: of the request.
-        host: address that the server listens on.
     """
     asked, origin = headers.get("Host", ""), headers.get("Origin")
     name = (urlsplit(f"//{asked}").hostname or "").rstrip(".")
@@ -139,9 +145,7 @@ def _own_pages_only(host: str) -> Iterator[list[str]]:
     """Let a viser server that is made meanwhile refuse requests of other sites' pages, and give its page a title.
 
     viser has no setting for either, but leaves every request to a function that it hands to the websockets library.
-
-    Yields:
-        What servers were made so, by their host.
+    What is yielded lists the servers made so, by their host.
     """
     module, guarded = websockets.asyncio.server, list[str]()
     original: Any = module.serve
@@ -193,3 +197,56 @@ def _check_address(host: str, port: int) -> None:
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"cannot listen on port {port} of {host}: {reason}; give another --port or --host") from error
+
+
+def write_standalone(path: Path, batch: Batch, hand: Hand, protocol: Protocol) -> int:
+    """Execute the first `MAX_SHOWN` grasps, write them as one HTML file that needs no network, and count them."""
+    check_file_place(path)
+    session = Session(Batch(batch.grasps[:MAX_SHOWN], batch.name, batch.metadata), hand, protocol)
+    recordings = []
+    for index in range(len(session)):
+        session.go(index)
+        recordings.append(session.recording())
+    server = open_server("127.0.0.1", 0, hand)
+    try:
+        html = _scene_html(server, session, recordings)
+    finally:
+        close_server(server)
+    # The table goes over the scene and the name into the title.
+    name, total, shown = escape(batch.name), len(batch.grasps), len(session)
+    left_out = f"<div style='padding:0 0.75em;font-size:0.8em'>the first {shown} of {total}</div>"
+    overlay = (
+        f'<details open style="{_OVERLAY}"><summary style="padding:0 0.6em;cursor:pointer"><b>{name}</b></summary>'
+        f"{left_out if shown < total else ''}{table_html(session, mark=False)}</details>"
+    )
+    head, end, tail = html.replace("<title>Viser</title>", f"<title>{name} - {TITLE}</title>").rpartition("</body>")
+    write_text(path, f"{head}{overlay}{end}{tail}")
+    return shown
+
+
+def _scene_html(server: viser.ViserServer, session: Session, recordings: Sequence[Recording]) -> str:
+    nodes = SceneNodes(server.scene, session.hand)
+    nodes.show(recordings[0].frame(0))
+    caption = server.scene.add_label("/caption", "", position=_CAPTION_M, anchor="center-center", font_screen_scale=1.3)
+    serializer = server.get_scene_serializer()
+
+    def show(frame: Frame, words: str, lasting_s: float) -> None:
+        nodes.show(frame)
+        if caption.text != words:
+            caption.text = words
+        serializer.insert_sleep(lasting_s)
+
+    for index, recording in enumerate(recordings):
+        task = session.batch.grasps.tasks[[index]].distinct[0]
+        title = f"{index}: {task.grasp_type.name}, {task.object.name}".replace("_", " ")
+        show(recording.frame(0), f"{title}: open hand", _PAUSE_S)
+        row = 0
+        while row < len(recording) - 1:
+            phase, words = recording.phase(row)
+            speed = _CARRY_SPEED if isinstance(phase, Carry) else 1.0
+            fast = f" ({speed:g} x)" if speed != 1.0 else ""
+            show(recording.frame(row), f"{title}: {words}{fast}", _FRAME_S)
+            row = max(row + 1, recording.row_at(float(recording.time_s[row]) + _FRAME_S * speed))
+        verdict = str(recording.outcome.verdict[0]).replace("_", " ")
+        show(recording.frame(row), f"{title}: {verdict} (protocol {session.protocol.name})", _PAUSE_S)
+    return serializer.as_html()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import io
+import shutil
 import threading
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,7 +24,6 @@ from ..engines import run_trials
 from ..formats import FORMATS_BY_NAME, ExportOptions, load_executable, save_grasps
 from ..hands import Hand
 from ..proposals import Proposal
-from ..proposals.cascade.sampler import GraspSampler
 from .recording import Frame, Recording, record
 
 MAX_GRASPS = 200
@@ -43,27 +41,19 @@ _PHYSICS = threading.Lock()
 
 @dataclass(frozen=True)
 class SampleRequest:
-    """Say what to sample.
-
-    Attributes:
-        grasp_type: the grasp type.
-        object: the object.
-        side_axis: body axis to hold it by, None to draw among the graspable sides.
-        n: how many grasps.
-        seed: seed of all draws.
-    """
+    """What to sample; a side axis of None draws among the graspable sides."""
 
     grasp_type: GraspType
     object: GraspObject
-    side_axis: str | None = None
-    n: int = 10
-    seed: int = 0
+    side_axis: str | None
+    n: int
+    seed: int
 
     @classmethod
     def of(
         cls,
         grasp_type: GraspType | str = "tripod",
-        obj: GraspObject | str = "box_medium",
+        object: GraspObject | str = "box_medium",
         side_axis: str | None = None,
         n: float = 10,
         seed: float = 0,
@@ -73,19 +63,15 @@ class SampleRequest:
         Raises:
             InputError: an unknown name or size, or a number that is not whole or out of range.
         """
-        number, drawn = _whole("n", n, 1, MAX_GRASPS), _whole("seed", seed, 0, MAX_SEED)
-        return cls(as_type(grasp_type), as_object(obj), side_axis, number, drawn)
-
-
-def _whole(name: str, value: float, low: int, high: int) -> int:
-    if not low <= value <= high or value != int(value):
-        raise InputError(f"{name} must be a whole number between {low} and {high}, got {value}")
-    return int(value)
+        for name, value, low, high in (("n", n, 1, MAX_GRASPS), ("seed", seed, 0, MAX_SEED)):
+            if not low <= value <= high or value != int(value):
+                raise InputError(f"{name} must be a whole number between {low} and {high}, got {value}")
+        return cls(as_type(grasp_type), as_object(object), side_axis, int(n), int(seed))
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Hold the grasps on a page and where they come from.
+    """The grasps on a page and where they come from.
 
     Attributes:
         grasps: at least one, joints in the order of the hand.
@@ -101,31 +87,20 @@ class Batch:
 
 
 def sample_batch(proposal: Proposal, hand: Hand, request: SampleRequest) -> Batch:
-    """Sample what is asked for; the same request gives the same grasps.
-
-    Raises:
-        InputError: the hand cannot do it, or the proposal does not know the type or the object.
-    """
+    """Sample what is asked for, or raise an `InputError`; the same request gives the same grasps."""
     hand.check_type(request.grasp_type)
-    rng, kind, obj, axis = np.random.default_rng(request.seed), request.grasp_type, request.object, request.side_axis
+    kind, obj, axis, n, seed = request.grasp_type, request.object, request.side_axis, request.n, request.seed
     site = None if axis is None else obj.site(axis, hand.reach_m)
-    grasps = proposal.propose_alike(obj, kind, site, request.n, rng)
-    asked = {"grasp_type": kind.name, "object": obj.name, "side_axis": axis, "n": request.n, "seed": request.seed}
-    side = "" if axis is None else f"_{axis}"
-    name = f"{kind.name}_{obj.name}{side}_seed{request.seed}".replace(":", "_")
-    return Batch(_ordered(grasps, hand), name, _origin(proposal, kind, obj) | {"asked": asked})
+    grasps = proposal.propose_alike(obj, kind, site, n, np.random.default_rng(seed))
+    asked = {"grasp_type": kind.name, "object": obj.name, "side_axis": axis, "n": n, "seed": seed}
+    name = "_".join([kind.name, obj.name, *([axis] if axis else []), f"seed{seed}"]).replace(":", "_")
+    return Batch(_ordered(grasps, hand), name, proposal.origin(kind, obj) | {"asked": asked})
 
 
 def file_batch(path: Path, hand: Hand, trust_pickle: bool = False) -> Batch:
-    """Open a grasp file.
+    """Open a grasp file of any format, or raise an `InputError` where it cannot be read or lacks joints of the hand.
 
-    Args:
-        path: file of any format that can be read.
-        hand: hand whose joints it must have.
-        trust_pickle: read pickled files, which run whatever code they carry.
-
-    Raises:
-        InputError: it cannot be read, holds no grasps or lacks joints of the hand.
+    Pickled files, which run whatever code they carry, are read only where they are trusted.
     """
     document = load_executable(path, hand, trust_pickle=trust_pickle)
     return Batch(_ordered(document.grasps, hand), path.stem, document.metadata, document.X_world_object)
@@ -137,23 +112,13 @@ def _ordered(grasps: Grasps, hand: Hand) -> Grasps:
     return replace(grasps, joint_names=hand.joint_names, posture=posture, pregrasp=pregrasp)
 
 
-def _origin(proposal: Proposal, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
-    if isinstance(proposal, GraspSampler):
-        return proposal.origin(kind, obj)
-    return {"source": proposal.name, "hand": proposal.hand.name} | proposal.describe()
-
-
 def measured(proposal: Proposal, kind: GraspType, obj: GraspObject) -> Mapping[str, Any] | None:
     """Look up what was measured of a type and object: `held` of `n` trials under `protocol`; None where nothing was."""
-    return next(iter(_origin(proposal, kind, obj).get("measured", {}).values()), None)
+    return next(iter(proposal.origin(kind, obj)["measured"].values()), None)
 
 
 def with_friction(friction: float) -> Protocol:
-    """Make the paper protocol at another friction, under a name that says so.
-
-    Raises:
-        InputError: a friction outside `FRICTION_RANGE`.
-    """
+    """Make the paper protocol at another friction, under a name that says so; `FRICTION_RANGE` is allowed."""
     low, high = FRICTION_RANGE
     if not low <= friction <= high:
         raise InputError(f"friction must be between {low:g} and {high:g}, got {friction:g}")
@@ -166,12 +131,8 @@ class Session:
     """Keep the grasps shown, the one looked at, and what became of those tried under the present protocol."""
 
     def __init__(self, batch: Batch, hand: Hand, protocol: Protocol = PAPER) -> None:
-        self.batch = batch
-        self.hand = hand
-        self.protocol = protocol
-        self.index = 0
-        self.outcomes: dict[int, Outcomes] = {}
-        self._recordings: dict[int, Recording] = {}
+        self.batch, self.hand, self.protocol, self.index = batch, hand, protocol, 0
+        self._forget()
 
     def __len__(self) -> int:
         """Count the grasps."""
@@ -203,7 +164,7 @@ class Session:
         self.index = index % len(self)
 
     def recording(self) -> Recording:
-        """Execute the grasp looked at, unless that is done, and look up its recording."""
+        """Look up the recording of the grasp looked at, which is executed once."""
         if self.index not in self._recordings:
             with _PHYSICS:
                 (recording,) = record(self.grasp, self.hand, self.protocol)
@@ -220,21 +181,18 @@ class Session:
         return len(untried) - len(chosen)
 
     def frame(self, view: str) -> Frame:
-        """Look at the grasp in one of `VIEWS`.
+        """Look at the grasp in one of `VIEWS`; another name is an `InputError`.
 
         `settled` executes the grasp if need be; of a trial that ended before the hand had closed it is the end.
-
-        Raises:
-            InputError: an unknown view.
         """
         check_name("view", view, VIEWS)
+        if view == "settled":
+            recording = self.recording()
+            return recording.frame(recording.closed_row)
         grasp = self.grasp
-        if view != "settled":
-            pose = Pose(grasp.X_hand_object.position_m[0], grasp.X_hand_object.quat_wxyz[0])
-            posture = grasp.pregrasp[0] if view == "pregrasp" else grasp.posture[0]
-            return Frame(grasp.tasks.distinct[0].object, posture, pose, np.zeros(3))
-        recording = self.recording()
-        return recording.frame(recording.closed_row)
+        pose = Pose(grasp.X_hand_object.position_m[0], grasp.X_hand_object.quat_wxyz[0])
+        posture = grasp.pregrasp[0] if view == "pregrasp" else grasp.posture[0]
+        return Frame(grasp.tasks.distinct[0].object, posture, pose, np.zeros(3))
 
     @property
     def closed(self) -> bool:
@@ -250,12 +208,13 @@ class Session:
         return wilson(sum(bool(outcome.held[0]) for outcome in self.outcomes.values()), len(self.outcomes))
 
     def _forget(self) -> None:
-        self.outcomes, self._recordings = {}, {}
+        self.outcomes: dict[int, Outcomes] = {}
+        self._recordings: dict[int, Recording] = {}
 
 
 @dataclass(frozen=True)
 class Download:
-    """Hold a file for a browser to save."""
+    """A file for a browser to save."""
 
     name: str
     content: bytes
@@ -277,25 +236,13 @@ def pack(session: Session, format_name: str, rows: Sequence[int]) -> Download:
     outcomes = Outcomes.concatenate([tried[row] for row in rows]) if all(row in tried for row in rows) else None
     name = f"{batch.name}_grasp{rows[0]}" if len(rows) == 1 < len(session) else batch.name
     one_file = form.layout == "file" or (form.layout == "either" and len(grasps.tasks.objects) == 1)
+    options = ExportOptions(outcomes=outcomes, object_root=_OBJECT_ROOT, hand=session.hand)
+    about: dict[str, Any] = {"metadata": batch.metadata, "X_world_object": batch.X_world_object}
     with TemporaryDirectory(prefix="graspcascade-") as folder:
-        target = Path(folder) / f"{name}{form.suffixes[0] if one_file else ''}"
-        save_grasps(
-            target,
-            grasps,
-            metadata=batch.metadata,
-            X_world_object=batch.X_world_object,
-            format=format_name,
-            options=ExportOptions(outcomes=outcomes, object_root=_OBJECT_ROOT, hand=session.hand),
-        )
+        inside = Path(folder) / "packed"
+        inside.mkdir()
+        target = inside / f"{name}{form.suffixes[0] if one_file else ''}"
+        save_grasps(target, grasps, **about, format=format_name, options=options)
         if target.is_file():
             return Download(target.name, target.read_bytes())
-        return Download(f"{name}_{format_name}.zip", _zipped(Path(folder)))
-
-
-def _zipped(folder: Path) -> bytes:
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        for path in sorted(folder.rglob("*")):
-            if path.is_file():
-                archive.write(path, path.relative_to(folder))
-    return packed.getvalue()
+        return Download(f"{name}_{format_name}.zip", Path(shutil.make_archive(str(inside), "zip", inside)).read_bytes())

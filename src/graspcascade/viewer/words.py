@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ..core.intervals import Interval, wilson
-from ..core.outcomes import Outcomes
 from .session import Session
 
 MEANING = {
@@ -60,53 +59,42 @@ def grasp_html(session: Session, shown: str, *, playing: bool = False) -> str:
     """Say which grasp is looked at, what of it is shown, and its verdict, which a playing trial keeps to its end."""
     task = session.grasp.tasks.distinct[0]
     kind, name = (escape(text.replace("_", " ")) for text in (task.grasp_type.name, task.object.name))
+    verdict, protocol = "not tried yet", f"protocol {escape(session.protocol.name)}"
+    if session.outcome is not None:
+        happened = str(session.outcome.verdict[0])
+        faithful = "type-faithful; " if session.faithful(session.index) else ""
+        verdict = f"{_badge(happened)} {MEANING[happened]}; {faithful}{protocol}"
     lines = [
         f"<b>{kind}</b> of <b>{name}</b>, by {_side(session, session.index)}",
         f'shown: <span class="gc-shown">{escape(shown)}</span>',
-        f"protocol {escape(session.protocol.name)}"
-        if playing
-        else verdict_html(session.outcome, session.faithful(session.index), session.protocol.name),
+        protocol if playing else f'<span class="gc-verdict">{verdict}</span>',
     ]
     return _fixed("<br>".join(lines), 5)
 
 
-def verdict_html(outcome: Outcomes | None, faithful: bool, protocol: str) -> str:
-    """Word a verdict, always with its protocol."""
-    if outcome is None:
-        return '<span class="gc-verdict">not tried yet</span>'
-    verdict = str(outcome.verdict[0])
-    more = f"{MEANING[verdict]}; " + ("type-faithful; " if faithful else "")
-    return f'<span class="gc-verdict">{_badge(verdict)} {more}protocol {escape(protocol)}</span>'
-
-
 def table_html(session: Session, *, mark: bool = True) -> str:
-    """Tabulate the samples: index, side, grasp size, chance where known, verdict where tried.
-
-    Args:
-        session: what is looked at.
-        mark: set off the row of the grasp looked at.
-    """
-    grasps = session.batch.grasps
-    mixed = [
-        (title, column)
-        for title, column in (("type", grasps.grasp_type), ("object", grasps.object_name))
-        if len(np.unique(column)) > 1
-    ]
-    chance = bool(np.isfinite(grasps.probability).any())
-    titles = ["#", *(title for title, _ in mixed), "side", "size cm", *(["P(hold)"] if chance else []), "verdict"]
-    rows = []
-    for index in range(len(session)):
-        cells = [str(index), *(escape(str(column[index])) for _, column in mixed), _side(session, index)]
-        cells.append(_number(grasps.grasp_size_m[index] * 100, ".1f"))
-        if chance:
-            cells.append(_number(grasps.probability[index], ".2f"))
-        outcome = session.outcomes.get(index)
+    """Tabulate the samples, chances where known and verdicts where tried; `mark` sets off the grasp looked at."""
+    grasps, rows = session.batch.grasps, range(len(session))
+    columns = {"#": [str(index) for index in rows]}
+    for title, names in (("type", grasps.grasp_type), ("object", grasps.object_name)):
+        if len(np.unique(names)) > 1:
+            columns[title] = [escape(str(name)) for name in names]
+    columns["side"] = [_side(session, index) for index in rows]
+    columns["size cm"] = [_number(size_m * 100, ".1f") for size_m in grasps.grasp_size_m]
+    if np.isfinite(grasps.probability).any():
+        columns["P(hold)"] = [_number(chance, ".2f") for chance in grasps.probability]
+    columns["verdict"] = ["-"] * len(session)
+    for index, outcome in session.outcomes.items():
         faithful = " faithful" if session.faithful(index) else ""
-        cells.append("-" if outcome is None else _badge(str(outcome.verdict[0])) + faithful)
+        columns["verdict"][index] = _badge(str(outcome.verdict[0])) + faithful
+    lines = []
+    for index, cells in enumerate(zip(*columns.values(), strict=True)):
         here = ' class="gc-current" style="background:#e7f1ff"' if mark and index == session.index else ""
-        rows.append(f"<tr{here}>" + "".join(f'<td style="{_CELL}">{cell}</td>' for cell in cells) + "</tr>")
-    head = "".join(f'<th style="{_CELL};position:sticky;top:0;background:#fff">{title}</th>' for title in titles)
-    body = f'<table class="gc-table" style="border-collapse:collapse;width:100%"><tr>{head}</tr>{"".join(rows)}</table>'
+        lines.append(f"<tr{here}>" + "".join(f'<td style="{_CELL}">{cell}</td>' for cell in cells) + "</tr>")
+    head = "".join(f'<th style="{_CELL};position:sticky;top:0;background:#fff">{title}</th>' for title in columns)
+    body = (
+        f'<table class="gc-table" style="border-collapse:collapse;width:100%"><tr>{head}</tr>{"".join(lines)}</table>'
+    )
     return (
         f'<div style="{_PANEL}"><div style="max-height:17em;overflow:auto">{body}</div>'
         f'<div class="gc-rate" style="padding-top:0.4em">{escape(rate_text(session))}</div></div>'

@@ -69,6 +69,7 @@ class GraspSampler(Proposal):
         <Grasps: 5 tip_pinch of sphere_small, 22 joints of shadow_hand_right>
     """
 
+    source = "cascade"
     name: str
     hand: Hand
     factorization: Factorization
@@ -154,10 +155,10 @@ class GraspSampler(Proposal):
         return self.metadata | {"networks": networks, "sizes": self.size_mode, "weights": self.fingerprint()}
 
     def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
-        """Say where samples come from, for a file: model, hand, and what was measured for type and object."""
+        """Say for a file where grasps come from, and what was measured of the type and object (`Proposal.origin`)."""
         cell = f"{kind.name}/{(known_object(obj) or obj).name}"
         measured = {cell: dict(self.measured[cell])} if cell in self.measured else {}
-        return {"source": "cascade", "model": self.name, "hand": self.hand.name, "measured": measured}
+        return super().origin(kind, obj) | {"measured": measured}
 
     def sample(
         self,

@@ -1,25 +1,40 @@
-"""`Renderer`: draw a hand and an object offscreen, in any posture and pose."""
+"""Pictures drawn without a display: a hand and an object offscreen, sheets of grasps, figures as small PNG files."""
 
 from __future__ import annotations
 
+import io
 import os
 import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
-from ...core.objects import GraspObject, Shape
-from ...hands import Hand, read_spec
-from ..recording import Frame
-from ..style import OBJECT_RGB, RGB, body_rgb, hand_bounds
+from ..core.errors import InputError
+from ..core.files import write_staged
+from ..core.grasps import Grasps
+from ..core.objects import GraspObject, Shape
+from ..core.protocols import PAPER, Protocol
+from ..hands import Hand, read_spec
+from ..worlds.world import hand_to_world, object_geom
+from .recording import Frame, Recording, record
+from .shapes import OBJECT_RGB, RGB, body_rgb, hand_bounds
 
 Image = NDArray[np.uint8]
 
+INK, FAINT = "#22262b", "#7a828c"
+"""Colours of text, and of what is said in passing."""
+MOMENTS = ("placed", "closed", "end of trial")
+"""The open hand about the object, the fingers closed, and what became of it."""
+_COLOURS = 256
 _OBJECT = "shown_object"
 _OVERSAMPLING = 2
 """Pixels are averaged from this many a side: software rendering smooths no edges itself."""
@@ -29,7 +44,7 @@ _FIELD_DEG = 18.0
 
 @dataclass(frozen=True)
 class View:
-    """Say from where the camera looks, in the hand frame (z along the fingers, -y out of the palm, +x to the thumb).
+    """From where the camera looks, in the hand frame (z along the fingers, -y out of the palm, +x to the thumb).
 
     Attributes:
         azimuth_deg: direction of sight about z; 90 looks at the palm, 180 at the thumb's side.
@@ -48,13 +63,8 @@ FINGER_SIDE = View(azimuth_deg=28.0)
 """Shows the fingers that the object hides from the thumb's side."""
 
 
-class Renderer:
-    """Draw one hand with any object, in the colours of the page.
-
-    Args:
-        hand: which hand.
-        width: of a picture, pixels.
-        height: of a picture, pixels.
+class Renderer(AbstractContextManager["Renderer"]):
+    """Draw one hand with any object, in the colours of the page; width and height of a picture are in pixels.
 
     Raises:
         InputError: nothing to draw with is installed; the message says what to install.
@@ -73,17 +83,13 @@ class Renderer:
         self._drawables.clear()
         self._context.free()
 
-    def __enter__(self) -> Renderer:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def frame(self, frame: Frame, view: View = THUMB_SIDE) -> Image:
         """Draw a moment, its posture in the order of the hand's joints; ``(height, width, 3)`` red, green and blue.
 
-        Raises:
-            InputError: the hand has no MJCF.
+        A hand without an MJCF is an `InputError`.
         """
         drawable = self._drawable(frame.object.shape, with_hand=True)
         for name, angle in zip(self.hand.joint_names, frame.posture, strict=True):
@@ -100,8 +106,6 @@ class Renderer:
 
     def _drawable(self, shape: Shape, *, with_hand: bool) -> _Drawable:
         """Look up what draws a kind of shape, and give it the shape's size."""
-        from ...worlds.world import object_geom
-
         key = (shape.kind, with_hand)
         self._context.make_current()
         if key not in self._drawables:
@@ -114,7 +118,7 @@ class Renderer:
 
 @dataclass(frozen=True)
 class _Drawable:
-    """Hold a compiled model with its state and what MuJoCo draws it with; the world frame is the hand frame."""
+    """A compiled model with its state and what MuJoCo draws it with; the world frame is the hand frame."""
 
     model: Any
     data: Any
@@ -122,8 +126,6 @@ class _Drawable:
     gpu: Any
 
     def picture(self, view: View, towards_m: Any, span_m: float, width: int, height: int) -> Image:
-        import mujoco
-
         mujoco.mj_forward(self.model, self.data)
         camera, everything = mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL.value
         camera.type, camera.lookat = mujoco.mjtCamera.mjCAMERA_FREE, towards_m
@@ -142,17 +144,22 @@ class _Drawable:
 
 
 def _build(hand: Hand | None, shape: Shape, width: int, height: int) -> _Drawable:
-    import mujoco
-
-    from ...worlds.world import hand_to_world, object_geom
-
     spec = mujoco.MjSpec() if hand is None else read_spec(hand)
     if hand is not None:
         hand_to_world(spec, hand)
         for geom in spec.geoms:
             geom.material = ""
             geom.rgba = _rgba(body_rgb(hand, geom.parent.name.removeprefix(hand.prefix)))
-    _light(spec, width, height)
+    visual, white = spec.visual, {"rgb1": [1.0] * 3, "rgb2": [1.0] * 3, "width": 64, "height": 64}
+    visual.global_.offwidth, visual.global_.offheight, visual.global_.fovy = width, height, _FIELD_DEG
+    visual.map.znear, visual.map.zfar, visual.quality.shadowsize = 0.1, 30.0, 4096
+    head = visual.headlight
+    head.ambient, head.diffuse, head.specular = [0.42] * 3, [0.16] * 3, [0.08] * 3
+    backdrop, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
+    spec.add_texture(name="backdrop", type=backdrop, builtin=flat, **white)
+    for position, strength, shadow in (([0.4, -0.5, 1.0], 0.52, True), ([-0.8, -0.6, 0.2], 0.2, False)):
+        light = spec.worldbody.add_light(pos=position, dir=[-coordinate for coordinate in position], castshadow=shadow)
+        light.type, light.diffuse, light.specular = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, [strength] * 3, [0.15] * 3
     kind, size = object_geom(shape)
     body = spec.worldbody.add_body(name=_OBJECT, mocap=True)
     body.add_geom(name=_OBJECT, type=kind, size=size, rgba=_rgba(OBJECT_RGB), contype=0, conaffinity=0)
@@ -169,33 +176,8 @@ def _rgba(rgb: RGB) -> list[float]:
     return [*(channel / 255 for channel in rgb), 1.0]
 
 
-def _light(spec: Any, width: int, height: int) -> None:
-    import mujoco
-
-    visual, white = spec.visual, {"rgb1": [1.0] * 3, "rgb2": [1.0] * 3, "width": 64, "height": 64}
-    visual.global_.offwidth, visual.global_.offheight, visual.global_.fovy = width, height, _FIELD_DEG
-    visual.map.znear, visual.map.zfar, visual.quality.shadowsize = 0.1, 30.0, 4096
-    head = visual.headlight
-    head.ambient, head.diffuse, head.specular = [0.42] * 3, [0.16] * 3, [0.08] * 3
-    backdrop, flat = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
-    spec.add_texture(name="backdrop", type=backdrop, builtin=flat, **white)
-    for position, strength, shadow in (([0.4, -0.5, 1.0], 0.52, True), ([-0.8, -0.6, 0.2], 0.2, False)):
-        spec.worldbody.add_light(
-            pos=position,
-            dir=[-coordinate for coordinate in position],
-            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-            diffuse=[strength] * 3,
-            specular=[0.15] * 3,
-            castshadow=shadow,
-        )
-
-
 def need_renderer() -> None:
-    """Check that pictures can be drawn offscreen.
-
-    Raises:
-        InputError: nothing to draw with is installed; the message says what to install.
-    """
+    """Check that pictures can be drawn offscreen, or raise an `InputError` that says what to install."""
     _gl_context(8, 8).free()
 
 
@@ -218,3 +200,79 @@ def _context_class() -> Any:
         # MuJoCo's own default is a window, and it reads MUJOCO_GL only when first imported.
         return import_module("mujoco.osmesa").GLContext
     return import_module("mujoco.gl_context").GLContext
+
+
+def moments(recording: Recording) -> tuple[Frame, ...]:
+    """Choose the frames of `MOMENTS`; a trial that ended before one repeats its end."""
+    return recording.frame(0), recording.frame(recording.closed_row), recording.frame(-1)
+
+
+def grasp_strip(renderer: Renderer, grasps: Grasps, protocol: Protocol = PAPER) -> Any:
+    """Draw grasps in rows of three moments, each from two sides, whatever became of them; errors are `in_order`'s."""
+    rows, words = [], []
+    for index, one in enumerate(record(in_order(grasps, renderer), renderer.hand, protocol)):
+        rows.append([renderer.frame(frame, view) for frame in moments(one) for view in (THUMB_SIDE, FINGER_SIDE)])
+        site, verdict = grasps.tasks[[index]].distinct[0].site, str(one.outcome.verdict[0]).replace("_", " ")
+        faithful = ",\nfaithful" if one.outcome.faithful(grasps[index])[0] else ""
+        words.append(f"{index}: {site.name} {site.width_m * 100:g} cm\n{verdict}{faithful}")
+    height = 1.9 * len(rows)
+    figure = grid(rows, words, (11.0, height + 0.3))
+    figure.subplots_adjust(left=0.12, right=0.998, top=height / (height + 0.3), bottom=0.0, wspace=0.0, hspace=0.0)
+    for number, moment in enumerate(MOMENTS):
+        left, right = (figure.axes[2 * number + side].get_position() for side in (0, 1))
+        middle = (left.x0 + right.x1) / 2
+        figure.text(middle, 1 - 0.06 / (height + 0.3), moment, ha="center", va="top", fontsize=11, color=FAINT)
+    return figure
+
+
+def in_order(grasps: Grasps, renderer: Renderer) -> Grasps:
+    """Refuse by an `InputError` grasps of other joints than the renderer's hand, or in another order."""
+    if grasps.joint_names != renderer.hand.joint_names:
+        raise InputError(f"these grasps are of other joints than {renderer.hand.name}'s, or in another order")
+    return grasps
+
+
+def grid(rows: Sequence[Sequence[Image]], words: Sequence[str], size: tuple[float, float], rotation: int = 0) -> Any:
+    """Lay pictures out in rows with words on their left."""
+    figure = blank_figure(*size)
+    axes = figure.subplots(len(rows), len(rows[0]), squeeze=False)
+    for line, pictures, text in zip(axes, rows, words, strict=True):
+        for place, picture in zip(line, pictures, strict=True):
+            place.imshow(picture)
+            place.set_axis_off()
+        style = {"rotation": rotation, "ha": "right", "va": "center", "fontsize": 9, "color": INK}
+        line[0].text(-0.03, 0.5, text, transform=line[0].transAxes, **style)
+    return figure
+
+
+def need_matplotlib() -> None:
+    """Check that figures can be drawn, or raise an `InputError` that says what to install."""
+    if find_spec("matplotlib") is None:
+        raise InputError("pictures need matplotlib: install the extra 'view', in a checkout: pip install '.[view]'")
+
+
+def blank_figure(width_inch: float, height_inch: float) -> Any:
+    """Make an empty white figure that belongs to no window."""
+    need_matplotlib()
+    # Only those who draw wait for matplotlib to load.
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width_inch, height_inch), facecolor="white")
+
+
+def check_png(path: Path) -> None:
+    """Refuse by an `InputError` a picture that is no .png file or has no folder, before the work of drawing it."""
+    if path.suffix.lower() != ".png":
+        raise InputError(f"a picture is a .png file, got {path.name!r}")
+    if path.is_dir() or not path.parent.is_dir():
+        raise InputError(f"{path} is a folder, or the folder {path.parent} does not exist")
+
+
+def save_png(figure: Any, path: Path, dpi: int = 120) -> None:
+    """Write a figure as a PNG of 256 colours, a fraction of the full file and hard to tell from it."""
+    from PIL import Image
+
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=dpi)
+    image = Image.open(drawn).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+    write_staged(path, lambda staged: image.save(staged, format="PNG", optimize=True))
