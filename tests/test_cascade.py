@@ -73,7 +73,7 @@ def pretend_all_held(grasps: Grasps) -> Dataset:
         X_hand_object_settled=grasps.X_hand_object,
         object_size_m=grasps.side_m + 0.012,
     )
-    return Dataset(grasps, outcomes, {"protocol": PAPER.to_json(), "seed": 0})
+    return Dataset(grasps, outcomes, None, {"protocol": PAPER.to_json(), "seed": 0})
 
 
 @pytest.fixture(scope="module")
@@ -629,7 +629,7 @@ def test_a_site_that_is_no_side_is_refused_in_one_line(any_size: FittedCascade, 
 
 def test_objects_that_a_factorization_cannot_tell_apart_are_not_learned() -> None:
     dataset = pretend_all_held(drawn_candidates(120, objects=[as_object("sphere:33mm")]))
-    with pytest.raises(InputError, match=r"'model3' knows nine objects by name and not sphere:33mm; .* sphere_small"):
+    with pytest.raises(InputError, match=r"this model knows nine objects by name and not sphere:33mm; .* sphere_small"):
         fit_cascade(HAND, dataset, FACTORIZATIONS["model3"], TINY, workers=1)
 
 

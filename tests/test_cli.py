@@ -100,6 +100,7 @@ def data(hand: Hand, prior: PosturePrior, tmp_path_factory: pytest.TempPathFacto
     digest = write_shard(shard_path(folder, 0), to_columns(grasps, outcomes))
     metadata = {
         "schema_version": SCHEMA_VERSION,
+        "hand": hand.name,
         "joint_names": list(hand.joint_names),
         "pregrasp_rad": hand.pregrasp.tolist(),
         "protocol": PAPER.to_json(),
@@ -160,7 +161,10 @@ def test_a_missing_or_unknown_verb_is_refused_with_the_valid_ones(call: Call) ->
         (["sample", "tripod"], "OBJECT"),
         (["sample", "tripod", "box_medium", "--n", "many"], "--n"),
         (["sample", "tripod", "box_medium", "--colour", "red"], "--colour"),
-        (["sample", "tripod", "box_medium", "--object-pose", "0", "1", "2"], "pose: unfit values ['0', '1', '2']"),
+        (
+            ["sample", "tripod", "box_medium", "--object-pose", "0", "1", "2"],
+            "pose: 7 values are needed, got 3",
+        ),
         (["sample", "tripod", "box_medium", "--n", "1e3"], "--n: a whole number is needed, got '1e3'"),
         (["sample", "tripod", "box_medium", "--side-cm", "wide"], "--side-cm: unfit values ['wide']"),
         (["trial", "grasps.json", "--threads"], "--threads"),
@@ -491,7 +495,7 @@ def test_a_model_of_a_hand_that_is_not_shipped_asks_for_its_file(call: Call, mod
     sampler = GraspSampler.load(model)
     replace(sampler, hand=replace(sampler.hand, name="my_hand")).save(tmp_path / "mine")
     said = call("evaluate", "--model", tmp_path / "mine")
-    assert_refused(said, "'model3' is for my_hand", "give its file with --hand")
+    assert_refused(said, "this model is for my_hand", "give its file with --hand")
 
 
 @pytest.mark.parametrize(

@@ -520,7 +520,7 @@ def test_other_arguments_than_the_collections_own_are_refused_and_nothing_is_los
         metadata = metadata_of(copy)
         write_metadata(copy, metadata | {"prior": "0" * 16})
     before = contents(copy)
-    with pytest.raises(InputError, match=f"rounds with another {changed}"):
+    with pytest.raises(InputError, match=f"rounds with another {changed.replace('_', ' ')}"):
         collect(heuristic, spec, copy, protocol=protocol)
     assert contents(copy) == before
 

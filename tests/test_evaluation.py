@@ -71,7 +71,7 @@ class Stub(Proposal):
             tasks=tasks,
             posture=rng.uniform(0, 1, (n, len(JOINTS))),
             pregrasp=np.zeros((n, len(JOINTS))),
-            X_hand_object=Pose(rng.normal(size=(n, 3)), quat / np.linalg.norm(quat, axis=1, keepdims=True)),
+            X_hand_object=Pose(rng.uniform(-0.1, 0.1, (n, 3)), quat / np.linalg.norm(quat, axis=1, keepdims=True)),
             grasp_size_m=np.full(n, 0.03),
             object_size_m=np.full(n, np.nan),
             probability=np.full(n, np.nan),

@@ -78,6 +78,7 @@ class Export:
         hand, placed = load_hand(self.hand), console.object_pose(self.object_pose)
         kind = None if self.grasp_type is None else as_type(self.grasp_type).name
         obj = None if self.object is None else as_object(self.object)
+        console.check_exists(self.grasps)
         assume = Assumptions(kind, obj, self.side_axis, self.joint_numbering, hand)
         document = load_document(self.grasps, self.from_format, trust_pickle=self.trust_pickle, assume=assume)
         grasps = document.grasps

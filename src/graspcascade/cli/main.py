@@ -9,6 +9,7 @@ import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ class Verb(NamedTuple):
     resume: str = ""
 
 
+_MAY_BE_EMPTY = ("--frame-id", "--joint-prefix")
 _AGAIN = "what is finished is kept: run the same command again to go on"
 VERBS: Mapping[str, Verb] = {
     "sample": Verb("sample", "grasps of a type for an object, from a trained cascade or the heuristic"),
@@ -118,9 +120,15 @@ def _parse(name: str, arguments: list[str]) -> Any:
     """Let tyro read the arguments; None when it has printed help.
 
     Raises:
-        InputError: what tyro has to say against the arguments, shortened to one line.
+        InputError: an argument is empty, or what tyro has to say against the arguments, shortened to one line.
     """
     import tyro
+
+    words = [word for given in arguments for word in (given.split("=", 1) if given.startswith("--") else [given])]
+    for before, word in pairwise(["", *words]):
+        # An empty path would be the working folder.
+        if not word and before.replace("_", "-") not in _MAY_BE_EMPTY:
+            raise InputError(f"{before if before.startswith('--') else 'an argument'} is empty")
 
     verb, complaint = command_class(name), io.StringIO()
     try:
@@ -139,6 +147,8 @@ def _gist(complaint: str) -> str:
     lines = sections[0 if complaint.startswith("╭") else 1 % len(sections)].splitlines()
     gist = _one_line(" ".join(line.strip(" │") for line in lines if not line.startswith("╭")))
     gist = re.sub(r"^Error parsing (?!-)\S+: ", "", gist)
+    wrong_count = r"no type matching .* from (\[.*?\])\..*input length (\d+) did not match .* count (\d+).*"
+    gist = re.sub(wrong_count, r"\3 values are needed, got \2: \1", gist)
     gist = re.sub(r"no type matching .*? could be instantiated from (\[.*?\])\..*", r"unfit values \1", gist)
     gist = re.sub(r"invalid literal for int\(\) with base 10: ", "a whole number is needed, got ", gist)
     return gist.replace("could not convert string to float: ", "a number is needed, got ") or "unusable arguments"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +20,7 @@ from ..core.taxonomy import GraspType, as_type
 from ..formats import GraspDocument, check_target, document_to_json, save_grasps
 from ..proposals import Proposal
 from ..proposals.cascade.sampler import GraspSampler
+from ..proposals.heuristic import SCREENED, SCREENING_DRAWS, cannot_touch
 from . import console
 from .console import Json, ModelName, ObjectPose, OwnHand, PriorFile, numbers
 
@@ -70,6 +72,9 @@ class Sample:
             _check_picture(self.picture)
         proposal = console.load_proposal(self.model, self.hand, self.prior)
         grasps, metadata = self._draw(proposal, kind, obj), self._metadata(proposal, kind, obj)
+        if proposal.name == SCREENED and (wide := int(cannot_touch(proposal.hand, grasps).sum())):
+            tried = f"in {SCREENING_DRAWS} draws none was found whose digits can touch the object"
+            print(f"graspcascade sample: {wide} of {len(grasps)} grasps are not screened: {tried}", file=sys.stderr)
         if self.out is not None:
             save_grasps(self.out, grasps, metadata=metadata, X_world_object=placed, format=self.format)
         pictured = grasps[:_PICTURED]

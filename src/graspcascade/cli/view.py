@@ -78,6 +78,7 @@ class View:
         hand = console.load_executing_hand(self.hand, proposal)
         if self.file is None:
             return Start(proposal, hand, request, protocol, sample_batch(proposal, hand, request))
+        console.check_exists(self.file)
         batch = file_batch(self.file, hand, self.trust_pickle)
         return Start(proposal, hand, request, protocol, batch, f"{len(batch.grasps)} grasps of {self.file.name}")
 
