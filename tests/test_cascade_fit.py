@@ -127,6 +127,18 @@ def test_a_dataset_of_another_model_of_the_hand_is_refused(hand: Hand, dataset: 
         fit_cascade(hand, other, MODEL3, TINY)
 
 
+@pytest.mark.parametrize(
+    ("hand_name", "metadata", "message"),
+    [("other_hand", {"protocol": PAPER.to_json()}, "of hand 'other_hand'"), (None, {}, "name the protocol")],
+)
+def test_what_does_not_suit_is_refused_before_the_training(
+    hand: Hand, dataset: Dataset, hand_name: str | None, metadata: dict[str, Any], message: str
+) -> None:
+    grasps = dataclasses.replace(dataset.grasps, hand=hand_name or hand.name)
+    with pytest.raises(InputError, match=message):
+        fit_cascade(hand, Dataset(grasps, dataset.outcomes, None, metadata), MODEL3, TINY)
+
+
 def test_errors_of_a_stage_arrive_as_they_are(hand: Hand, dataset: Dataset) -> None:
     wild = dataclasses.replace(TINY.training, learning_rate=1e30)
     with pytest.raises(FloatingPointError, match="lower the learning rate"):

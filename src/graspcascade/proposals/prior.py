@@ -113,7 +113,7 @@ class PosturePrior:
         widths = (decoder.spec.target_dim, decoder.spec.condition_dim)
         if widths != (len(set(names)), len(GRASP_TYPES)) or len(set(names)) < len(names):
             raise FileFormatError(
-                f"{path} names {len(names)} joints; its weights are of {widths[0]}, by {widths[1]} types"
+                f"{path} names {len(names)} joints, but has weights for {widths[0]} and {widths[1]} types"
             )
         return cls(names, decoder, metadata)
 

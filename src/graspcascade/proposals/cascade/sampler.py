@@ -129,14 +129,14 @@ class GraspSampler(Proposal):
 
     def _check_parts(self, path: Path) -> None:
         """Check that stages, weights and hand fit together, by a draw of every type: a file can be edited."""
-        anything = replace(self, hand=replace(self.hand, reach_m=np.inf), size_mode="paper")
-        tasks = Tasks.of(Task.of(kind, "box_small", "x") for kind in self.hand.grasp_types)
+        hand = self.hand
+        anything = replace(self, hand=replace(hand, reach_m=np.inf), size_mode="paper")
+        tasks = Tasks.of(Task.of(kind, "box_small", "x") for kind in hand.grasp_types)
         try:
-            drawn = anything.propose(tasks, np.random.default_rng(0)).columns()
-            if len(set(self.hand.joint_names)) < len(self.hand.joint_names) or not np.all(
-                self.hand.lower_rad <= self.hand.upper_rad
-            ):
+            # Limits that are no numbers compare as false.
+            if len(set(hand.joint_names)) < len(hand.joint_names) or not np.all(hand.lower_rad <= hand.upper_rad):
                 raise InputError("the hand's joints need names of their own and a lower and an upper limit each")
+            drawn = anything.propose(tasks, np.random.default_rng(0)).columns()
             if not all(np.isfinite(drawn[name]).all() for name in ("posture", "pregrasp", "position_m", "quat_wxyz")):
                 raise InputError("a grasp drawn from it is not finite")
         except (LookupError, TypeError, ValueError, AttributeError) as error:
