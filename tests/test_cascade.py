@@ -7,7 +7,7 @@ import itertools
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -73,7 +73,7 @@ def pretend_all_held(grasps: Grasps) -> Dataset:
         X_hand_object_settled=grasps.X_hand_object,
         object_size_m=grasps.side_m + 0.012,
     )
-    return Dataset(grasps, outcomes, {"protocol": PAPER.to_json(), "seed": 0})
+    return Dataset(grasps, outcomes, None, {"protocol": PAPER.to_json(), "seed": 0})
 
 
 @pytest.fixture(scope="module")
@@ -330,7 +330,7 @@ def test_rare_cells_are_repeated_until_they_have_as_many_as_the_median(
 
 
 def test_too_few_successes_are_refused(dataset: Dataset) -> None:
-    few = Dataset(dataset.grasps[:50], dataset.outcomes[:50], dataset.metadata)
+    few = Dataset(dataset.grasps[:50], dataset.outcomes[:50], None, dataset.metadata)
     with pytest.raises(InputError, match="at least 100"):
         fit_cascade(HAND, few, FACTORIZATIONS["model3"], TINY)
 
@@ -522,6 +522,36 @@ def test_weights_of_a_frame_that_is_not_known_are_refused_by_their_name(fitted: 
         GraspSampler.load(tmp_path)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d.pop("training"),
+        lambda d: d.update(training=[]),
+        lambda d: d["hand"]["joint_names"].pop(),
+        lambda d: d["hand"]["joint_names"].__setitem__(0, d["hand"]["joint_names"][1]),
+        lambda d: d["hand"]["couplings"][0].__setitem__(2, ["FFJ9", "FFJ8"]),
+        lambda d: d["hand"].update(lower_rad=[None] * 22),
+        lambda d: d["hand"].update(upper_rad=None),
+        lambda d: d["hand"]["lower_rad"].pop(),
+        lambda d: d["factorization"].update(stages=[]),
+        lambda d: d["factorization"]["stages"].reverse(),
+        lambda d: d["sizes"].update(object_offset_m={}),
+        lambda d: d["sizes"]["grasp_offsets_m"].update(tripod=[]),
+    ],
+)
+def test_a_doctored_header_is_refused_at_loading(
+    fitted: FittedCascade, tmp_path: Path, change: Callable[[Any], Any]
+) -> None:
+    fitted.sampler.save(tmp_path)
+    path = tmp_path / "cascade.safetensors"
+    stored = load_decoders(path)
+    about = json.loads(json.dumps(dict(stored.metadata)))
+    change(about)
+    save_decoders(path, stored.decoders, about)
+    with pytest.raises(FileFormatError, match=r"cascade\.safetensors"):
+        GraspSampler.load(tmp_path)
+
+
 def test_truncated_foreign_and_missing_weights_are_refused_in_one_line(fitted: FittedCascade, tmp_path: Path) -> None:
     fitted.save(tmp_path)
     weights = tmp_path / "cascade.safetensors"
@@ -629,7 +659,7 @@ def test_a_site_that_is_no_side_is_refused_in_one_line(any_size: FittedCascade, 
 
 def test_objects_that_a_factorization_cannot_tell_apart_are_not_learned() -> None:
     dataset = pretend_all_held(drawn_candidates(120, objects=[as_object("sphere:33mm")]))
-    with pytest.raises(InputError, match=r"'model3' knows nine objects by name and not sphere:33mm; .* sphere_small"):
+    with pytest.raises(InputError, match=r"this model knows nine objects by name and not sphere:33mm; .* sphere_small"):
         fit_cascade(HAND, dataset, FACTORIZATIONS["model3"], TINY, workers=1)
 
 

@@ -99,6 +99,7 @@ def data(hand: Hand, prior: PosturePrior, tmp_path_factory: pytest.TempPathFacto
     digest = write_shard(shard_path(folder, 0), to_columns(grasps, outcomes))
     metadata = {
         "schema_version": SCHEMA_VERSION,
+        "hand": hand.name,
         "joint_names": list(hand.joint_names),
         "pregrasp_rad": hand.pregrasp.tolist(),
         "protocol": PAPER.to_json(),
@@ -159,7 +160,10 @@ def test_a_missing_or_unknown_verb_is_refused_with_the_valid_ones(call: Call) ->
         (["sample", "tripod"], "OBJECT"),
         (["sample", "tripod", "box_medium", "--n", "many"], "--n"),
         (["sample", "tripod", "box_medium", "--colour", "red"], "--colour"),
-        (["sample", "tripod", "box_medium", "--object-pose", "0", "1", "2"], "pose: unfit values ['0', '1', '2']"),
+        (
+            ["sample", "tripod", "box_medium", "--object-pose", "0", "1", "2"],
+            "pose: 7 values are needed, got 3",
+        ),
         (["sample", "tripod", "box_medium", "--n", "1e3"], "--n: a whole number is needed, got '1e3'"),
         (["sample", "tripod", "box_medium", "--side-cm", "wide"], "--side-cm: unfit values ['wide']"),
         (["trial", "grasps.json", "--threads"], "--threads"),
@@ -448,6 +452,51 @@ def test_a_prior_is_the_heuristics_alone(call: Call, prior: PosturePrior, tmp_pa
     assert_refused(call(*asked), "--model heuristic or screened", "--model default")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["sample", "tripod", "box_medium", "--model", ""], ["--model is empty"]),
+        (["sample", "tripod", "box_medium", "--model="], ["--model is empty"]),
+        (["sample", "tripod", "box_medium", "--prior", ""], ["--prior is empty"]),
+        (["trial", ""], ["an argument is empty"]),
+        (["trial", "absent.yaml"], ["there is no file or folder absent.yaml"]),
+        (["export", "absent.xyz", "--out", "g.json"], ["there is no file or folder absent.xyz"]),
+        (["sample", "tripod", "box_medium", "--model", "heuristc"], ["Did you mean 'heuristic'", "screened", "folder"]),
+        (["sample", "tripod", "box_medium", "--object-pose", *"000100"], ["7 values are needed, got 6"]),
+        (["collect", "--out", "new", "--prior", "absent.safetensors"], ["no file"]),
+    ],
+)
+def test_what_is_empty_or_absent_is_said_to_be(
+    call: Call, arguments: list[str], words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert_refused(call(*arguments), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_frame_is_the_objects_own(call: Call, saved: Path, tmp_path: Path) -> None:
+    out = tmp_path / "g.yaml"
+    assert call("export", saved, "--format", "moveit_grasp", "--frame-id", "", "--out", out).status == 0
+
+
+def test_grasps_that_no_draw_helped_are_counted(call: Call) -> None:
+    said = call("sample", "tripod", "box:1x20x20mm", "--side-axis", "x", "--n", 3, "--model", "screened")
+    assert said.status == 0
+    assert "of 3 grasps are not screened" in said.err
+
+
+def test_types_that_cannot_be_made_are_left_out_and_named(
+    call: Call, prior: PosturePrior, tmp_path: Path, cut_hands: Mapping[int, Hand]
+) -> None:
+    replace(prior, metadata={"grasp_types": ["tripod", "tip_pinch"]}).save(tmp_path / "two.safetensors")
+    asked = ["--prior", tmp_path / "two.safetensors", "--hand", hand_file(cut_hands[2])]
+    said = call("evaluate", "--model", "heuristic", *asked, "--per-cell", 1, "--json")
+    assert {cell["grasp_type"] for cell in said.json["cells"]} == {"tip_pinch"}
+    assert "graspcascade evaluate: left out tripod, palmar_pinch, parallel_extension" in said.err
+    refused = call("sample", "palmar_pinch", "box_medium", "--model", "screened", *asked)
+    assert_refused(refused, "has seen no postures of palmar_pinch; it knows tripod, tip_pinch")
+
+
 # -- hands and bounds, of every verb
 
 
@@ -507,7 +556,7 @@ def test_a_model_of_a_hand_that_is_not_shipped_asks_for_its_file(call: Call, mod
     sampler = GraspSampler.load(model)
     replace(sampler, hand=replace(sampler.hand, name="my_hand")).save(tmp_path / "mine")
     said = call("evaluate", "--model", tmp_path / "mine")
-    assert_refused(said, "'model3' is for my_hand", "give its file with --hand")
+    assert_refused(said, "this model is for my_hand", "give its file with --hand")
 
 
 @pytest.mark.parametrize(
@@ -571,7 +620,7 @@ def test_trial_refuses_what_is_no_grasp_file(call: Call, saved: Path, tmp_path: 
     cut.write_text(saved.read_text()[:500])
     assert_refused(call("trial", cut), str(cut), "not complete JSON")
     assert_refused(call("trial", tmp_path / "absent.json"), "no file")
-    assert_refused(call("trial", tmp_path / "g.npy"), ".parquet")
+    assert_refused(call("trial", tmp_path / "g.npy"), "no file")
     assert_refused(call("trial", saved, "--protocol", "papper"), "unknown protocol 'papper'", "Did you mean 'paper'")
     assert_refused(call("trial", saved, "--protocol", "six-directions"), "unknown protocol")
     assert_refused(call("trial", saved, "--out", tmp_path / "report.csv"), ".json")
@@ -596,18 +645,18 @@ def test_trial_refuses_the_grasps_of_another_hand(call: Call, drawn: Grasps, tmp
 
 
 def test_a_trial_that_breaks_is_a_verdict_and_leaves_no_file(
-    drawn: Grasps, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    drawn: Grasps, saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     grasps = Grasps.concatenate([drawn[:1]])  # a copy, as a slice is a view
     grasps.X_hand_object.position_m[0] = 1e12
     # No file can hold such a grasp, but physics can come to the same.
     monkeypatch.setattr("graspcascade.cli.trials.load_executable", lambda *_, **__: GraspDocument(grasps))
     monkeypatch.chdir(tmp_path)
-    assert main(["trial", "huge.json", "--json"]) == 0
+    assert main(["trial", saved.name, "--json"]) == 0
     said = capfd.readouterr()
     assert json.loads(said.out)["grasps"][0]["verdict"] == "unstable"
     assert said.err == ""
-    assert list(tmp_path.iterdir()) == []
+    assert list(tmp_path.iterdir()) == [saved]
 
 
 # -- evaluate

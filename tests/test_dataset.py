@@ -4,7 +4,7 @@ import hashlib
 import json
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -30,7 +30,7 @@ from graspcascade.hands import Hand
 from graspcascade.proposals.heuristic import Heuristic, cannot_touch
 from graspcascade.proposals.prior import PosturePrior
 from graspcascade.studies.collect import CollectionSpec, CollectionState
-from graspcascade.studies.dataset import SCHEMA_VERSION, load_dataset
+from graspcascade.studies.dataset import SCHEMA_VERSION, from_columns, load_dataset, to_columns
 
 module = sys.modules["graspcascade.studies.collect"]
 FEW_NAMES = (
@@ -520,7 +520,7 @@ def test_other_arguments_than_the_collections_own_are_refused_and_nothing_is_los
         metadata = metadata_of(copy)
         write_metadata(copy, metadata | {"prior": "0" * 16})
     before = contents(copy)
-    with pytest.raises(InputError, match=f"rounds with another {changed}"):
+    with pytest.raises(InputError, match=f"rounds with another {changed.replace('_', ' ')}"):
         collect(heuristic, spec, copy, protocol=protocol)
     assert contents(copy) == before
 
@@ -572,6 +572,76 @@ def test_metadata_that_is_no_metadata_is_refused(
     with pytest.raises(FileFormatError, match=r"metadata\.json"):
         collect(heuristic, SPEC, tmp_path, protocol=short)
     assert contents(tmp_path) == {"metadata.json": text.encode()}
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda d: d["shards"].append(d["shards"][0]), "twice in shards"),
+        (lambda d: d["shards"][0].update(file="../part-00000.parquet"), "file"),
+        (lambda d: d["shards"][0].pop("sha256"), "sha256"),
+        (lambda d: d.update(shards=[1]), "shards"),
+        (lambda d: d.update(joint_names=[]), "joint_names"),
+        (lambda d: d.update(joint_names=None), "joint_names"),
+        (lambda d: d["joint_names"].pop(), "pregrasp_rad"),
+        (lambda d: d["joint_names"].append(d["joint_names"][0]), "twice in joint_names"),
+        (lambda d: d.update(hand=3), "hand"),
+        (lambda d: d.pop("protocol"), "protocol"),
+    ],
+)
+def test_doctored_metadata_is_refused(
+    copy: Path, heuristic: Heuristic, short: Protocol, change: Callable[[Any], Any], word: str
+) -> None:
+    metadata = metadata_of(copy)
+    change(metadata)
+    write_metadata(copy, metadata)
+    for read in (load_dataset, lambda folder: collect(heuristic, SPEC, folder, protocol=short)):
+        with pytest.raises(FileFormatError, match=rf"metadata\.json .*{word}"):
+            read(copy)
+
+
+@pytest.mark.parametrize(
+    "change", [{"held": [9] * 4}, {"trials": [3] * 3}, {"faithful": [-1] * 4}, {"screened_out": "x"}]
+)
+def test_doctored_counts_of_a_collection_are_refused(
+    copy: Path, heuristic: Heuristic, short: Protocol, change: dict[str, Any]
+) -> None:
+    metadata = metadata_of(copy)
+    metadata["shards"][0] |= change
+    write_metadata(copy, metadata)
+    with pytest.raises(FileFormatError, match=r"metadata\.json"):
+        collect(heuristic, SPEC, copy, protocol=short)
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("verdict", "fine"),
+        ("verdict", "missed"),
+        ("posture_THJ4", np.nan),
+        ("object_y_m", 40.0),
+        ("object_z_m", np.nan),
+        ("object_qw", 2.0),
+    ],
+)
+def test_values_that_no_trial_gives_are_refused_by_their_column(
+    collection: Path, short: Protocol, column: str, value: Any
+) -> None:
+    data = load_dataset(collection)
+    columns = to_columns(data.grasps, data.outcomes)
+    held = int(np.flatnonzero(columns["held"])[0])
+    columns[column] = columns[column].copy()
+    columns[column][held] = value
+    with pytest.raises(FileFormatError, match=f"column '{'held' if value == 'missed' else column}'"):
+        from_columns(columns, data.metadata)
+
+
+def test_a_refused_collection_leaves_no_new_folder(heuristic: Heuristic, tmp_path: Path) -> None:
+    wide = (GraspObject("wall", Box(0.5, 0.5, 0.5)), GRASP_TYPES["tripod"])
+    with pytest.raises(InputError, match="reach"):
+        collect(heuristic, SPEC, tmp_path / "new", protocol="paper", cells=[wide])
+    assert contents(tmp_path) == {}
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_dataset_without_shards_is_refused(copy: Path) -> None:

@@ -71,7 +71,7 @@ class Stub(Proposal):
             tasks=tasks,
             posture=rng.uniform(0, 1, (n, len(JOINTS))),
             pregrasp=np.zeros((n, len(JOINTS))),
-            X_hand_object=Pose(rng.normal(size=(n, 3)), quat / np.linalg.norm(quat, axis=1, keepdims=True)),
+            X_hand_object=Pose(rng.uniform(-0.1, 0.1, (n, 3)), quat / np.linalg.norm(quat, axis=1, keepdims=True)),
             grasp_size_m=np.full(n, 0.03),
             object_size_m=np.full(n, np.nan),
             probability=np.full(n, np.nan),
@@ -299,6 +299,45 @@ def test_a_folder_with_other_files_is_refused(tmp_path: Path, no_physics: list[i
     (tmp_path / "metadata.json").write_text("{")
     with pytest.raises(FileFormatError):
         evaluate(Stub(), per_cell=1, seed=0, cells=TWO_CELLS, out=tmp_path)
+
+
+def test_names_do_for_values(no_physics: list[int]) -> None:
+    named = evaluate(Stub(), per_cell=1, seed=0, cells=[("box_medium", "tripod")], protocol="paper", hand="shadow")
+    assert named == evaluate(Stub(), per_cell=1, seed=0, cells=TWO_CELLS[:1])
+    with pytest.raises(InputError, match="Did you mean 'tripod'"):
+        evaluate(Stub(), per_cell=1, seed=0, cells=[("box_medium", "tripodd")])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d["rounds"].append(d["rounds"][0]),
+        lambda d: d["rounds"][0]["counts"].pop(),
+        lambda d: d["rounds"][0]["counts"][0].append(0),
+        lambda d: d["rounds"][0].update(counts=[[0.5] * 8] * 2),
+        lambda d: d["rounds"][0].update(counts=[[2, -1, 0, 0, 0, 0, 0, 0]] * 2),
+        lambda d: d["rounds"][0].update(counts=[[2, 0, 0, 0, 0, 0, 0, 0]] * 2),
+        lambda d: d["rounds"][0].update(counts=[[0, 1, 0, 0, 0, 0, 1, 0]] * 2),
+        lambda d: d.pop("first_round_mean"),
+        lambda d: d.update(first_round_mean=[1.0]),
+        lambda d: d.update(first_round_mean=["a"]),
+        lambda d: d.pop("rounds"),
+        lambda d: d.update(shards=[1]),
+    ],
+)
+def test_doctored_rounds_are_refused(tmp_path: Path, no_physics: list[int], change: Callable[[Any], Any]) -> None:
+    evaluate(Stub(), **ASKED, out=tmp_path)
+    data = json.loads((tmp_path / "metadata.json").read_text())
+    change(data)
+    (tmp_path / "metadata.json").write_text(json.dumps(data))
+    with pytest.raises(FileFormatError, match=r"metadata\.json"):
+        evaluate(Stub(), **ASKED, out=tmp_path)
+
+
+def test_a_folder_in_the_locks_place_is_refused(tmp_path: Path, no_physics: list[int]) -> None:
+    (tmp_path / LOCK_FILE).mkdir()
+    with pytest.raises(InputError, match="is a folder"):
+        evaluate(Stub(), **ASKED, out=tmp_path)
 
 
 def test_a_folder_has_one_evaluation_at_a_time(tmp_path: Path, no_physics: list[int]) -> None:

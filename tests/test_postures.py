@@ -1,5 +1,6 @@
 """Seed postures that stay human, the human figures they follow, the contact metric, and the shipped prior."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -214,6 +215,31 @@ def test_the_metric_of_a_mixed_batch_is_that_of_each_row(hand: Hand, seeds: Labe
 
 
 # Prior
+
+
+def test_a_hand_without_a_little_finger_has_seeds_and_a_metric_of_all_its_types(cut_hands: Mapping[int, Hand]) -> None:
+    hand = cut_hands[4]
+    seeds = make_seeds(hand, SeedSpec(per_type=1))
+    assert seeds.grasp_type.tolist() == [kind.name for kind in hand.grasp_types] == list(GRASP_TYPES)
+    metric = contact_metric(hand, seeds.posture, seeds.grasp_type)
+    n_rows = (np.abs(metric).max(axis=2) > 0).sum(axis=1)
+    assert n_rows[list(GRASP_TYPES).index("parallel_extension")] == 9  # opposition, middle, ring
+
+
+def test_a_prior_is_asked_only_for_types_that_it_was_trained_on(prior: PosturePrior, tmp_path: Path) -> None:
+    assert prior.grasp_types == tuple(GRASP_TYPES)
+    replace(prior, metadata={"grasp_types": ["tripod"]}).save(tmp_path / "one.safetensors")
+    one = PosturePrior.load(tmp_path / "one.safetensors")
+    assert one.sample(["tripod"], np.random.default_rng(0)).shape == (1, 22)
+    with pytest.raises(InputError, match="no postures of tip_pinch; it knows tripod"):
+        one.sample(["tripod", "tip_pinch"], np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("change", [{"joint_names": ["a"]}, {"joint_names": None}, {"grasp_types": ["grab"]}])
+def test_a_doctored_prior_is_refused(prior: PosturePrior, tmp_path: Path, change: dict[str, Any]) -> None:
+    replace(prior, metadata=prior.metadata | change).save(tmp_path / "p.safetensors")
+    with pytest.raises(FileFormatError, match=r"p\.safetensors"):
+        PosturePrior.load(tmp_path / "p.safetensors")
 
 
 def test_a_prior_is_not_trained_on_postures_of_other_joints(hand: Hand, seeds: LabelledPostures) -> None:

@@ -165,3 +165,9 @@ def test_a_side_depends_on_the_reach_of_the_hand() -> None:
 
 def test_no_cells_draw_no_tasks() -> None:
     assert len(draw_tasks([], 5, 0.065, np.random.default_rng(0))) == 0
+
+
+@pytest.mark.parametrize(("n", "message"), [(-1, "n must not be negative, got -1"), (1.5, "n must be a whole number")])
+def test_a_number_of_rows_is_a_whole_one(n: float, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Tasks.repeat(Task.of("tripod", "box_medium", "x"), n)  # type: ignore[arg-type]

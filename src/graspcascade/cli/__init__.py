@@ -9,6 +9,7 @@ import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +27,7 @@ class Verb(NamedTuple):
     resume: str = ""
 
 
+_MAY_BE_EMPTY = ("--frame-id", "--joint-prefix")
 _AGAIN = "what is finished is kept: run the same command again to go on"
 VERBS: Mapping[str, Verb] = {
     "sample": Verb("grasps", "grasps of a type for an object, from a trained cascade or the heuristic"),
@@ -122,6 +124,11 @@ def _parse(name: str, arguments: list[str]) -> Any:
 
     verb, complaint = command_class(name), io.StringIO()
     given = {argument.replace("_", "-") for argument in arguments if argument.startswith("--")}
+    words = [word for one in arguments for word in (one.split("=", 1) if one.startswith("--") else [one])]
+    for before, word in pairwise(["", *words]):
+        # An empty path would be the working folder.
+        if not word and before.replace("_", "-") not in _MAY_BE_EMPTY:
+            raise InputError(f"{before if before.startswith('--') else 'an argument'} is empty")
     for option in given:
         if (opposite := option.replace("--", "--no-", 1)) in given:
             raise InputError(f"give {option} or {opposite}, not both (see graspcascade {name} --help)")
@@ -141,6 +148,8 @@ def _gist(complaint: str) -> str:
     lines = sections[0 if complaint.startswith("╭") else 1 % len(sections)].splitlines()
     gist = " ".join(" ".join(line.strip(" │") for line in lines if not line.startswith("╭")).split())
     gist = re.sub(r"^Error parsing (?!-)\S+: ", "", gist)
+    wrong_count = r"no type matching .* from (\[.*?\])\..*input length (\d+) did not match .* count (\d+).*"
+    gist = re.sub(wrong_count, r"\3 values are needed, got \2: \1", gist)
     gist = re.sub(r"no type matching .*? could be instantiated from (\[.*?\])\..*", r"unfit values \1", gist)
     gist = re.sub(r"invalid literal for int\(\) with base 10: ", "a whole number is needed, got ", gist)
     return gist.replace("could not convert string to float: ", "a number is needed, got ") or "unusable arguments"

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import FlagCreatePairsOff, arg
 
 from .. import hands
-from ..core.errors import InputError, check_whole
+from ..core.errors import InputError, check_whole, unknown
 from ..core.poses import Pose
+from ..core.taxonomy import GRASP_TYPES
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ..hands import Hand
     from ..proposals import Proposal
     from ..proposals.prior import PosturePrior
+    from ..studies.rounds import Pair
 
 Flag = FlagCreatePairsOff[bool]
 Json = Annotated[Flag, arg(help="Print JSON.")]
@@ -123,6 +125,24 @@ def check_out(path: Path, suffix: str, what: str) -> None:
     check_file_place(path)
 
 
+def check_exists(path: Path) -> None:
+    """Refuse a file or folder that does not exist, before its name is read as that of a format."""
+    if not path.exists():
+        raise InputError(f"there is no file or folder {path}")
+
+
+def possible_cells(proposal: Proposal, hand: Hand, verb: str) -> list[Pair]:
+    """List the catalogue's cells of types that proposal and hand can make; say on standard error what is left out."""
+    from ..studies.rounds import CELLS
+
+    possible = [kind for kind in proposal.grasp_types if kind in hand.grasp_types]
+    left_out = [name for name, kind in GRASP_TYPES.items() if kind not in possible]
+    if left_out:
+        why = f"{hand.name} lacks digits or places for them, or {proposal.name} has not seen them"
+        print(f"graspcascade {verb}: left out {', '.join(left_out)}: {why}", file=sys.stderr)
+    return [cell for cell in CELLS if cell[1] in possible]
+
+
 def object_pose(given: PoseNumbers | None) -> Pose | None:
     """Read an object's pose in the world, and refuse one whose metres look like millimetres."""
     if given is None:
@@ -141,20 +161,29 @@ def load_prior(path: Path | None) -> PosturePrior:
 
 
 def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Proposal:
-    """Load what `--model` names; a folder that has the name of a shipped cascade is given as ``./name``."""
-    from ..proposals.cascade.sampler import GraspSampler
-    from ..proposals.heuristic import SCREENING_DRAWS, Heuristic
+    """Load what `--model` names; a folder that has the name of a shipped cascade is given as ``./name``.
 
-    if model in ("heuristic", "screened"):
+    Raises:
+        InputError: no such model or hand, a prior with a cascade, or a hand of other joints than the cascade's.
+    """
+    from ..proposals.cascade.sampler import GraspSampler, shipped_folders
+    from ..proposals.heuristic import HEURISTIC, SCREENED, SCREENING_DRAWS, Heuristic
+
+    if model in (HEURISTIC, SCREENED):
         own = hands.load_hand("shadow" if hand is None else hand)
-        return Heuristic(own, load_prior(prior), SCREENING_DRAWS if model == "screened" else 1)
+        return Heuristic(own, load_prior(prior), SCREENING_DRAWS if model == SCREENED else 1)
     if prior is not None:
         raise InputError(f"a prior is the heuristic's; give --model heuristic or screened with it, got --model {model}")
-    shipped = model == "default" or (os.sep not in model and not Path(model).exists())
-    sampler = GraspSampler.pretrained(model) if shipped else GraspSampler.load(model)
+    shipped, is_path = shipped_folders(), os.sep in model or Path(model).exists()
+    if not is_path and model not in shipped:
+        raise InputError(f"{unknown('model', model, [HEURISTIC, SCREENED, *shipped])} Or a trained cascade's folder.")
+    sampler = GraspSampler.load(model if is_path and model != "default" else shipped[model])
     if hand is not None and set((own := hands.load_hand(hand)).joint_names) != set(sampler.hand.joint_names):
-        what = f"model {model!r} is for {sampler.hand.name}; {own.name} has other joints"
-        raise InputError(f"{what}. Train a model for it, or give --model screened with a --prior of its own")
+        shared = set(own.joint_names) <= set(load_prior(None).joint_names)
+        raise InputError(
+            f"model {model!r} is for {sampler.hand.name}; {own.name} has other joints. Train a model for it, or "
+            f"give --model screened{'' if shared else ' with a --prior of its own'}"
+        )
     return sampler
 
 
@@ -164,8 +193,8 @@ def load_executing_hand(hand: str | None, proposal: Proposal) -> Hand:
         return hands.load_hand(hand)
     own = proposal.hand if proposal.hand.mjcf is not None else hands.shipped_hand(proposal.hand.name)
     if own is None:
-        what = f"model {proposal.name!r} is for {proposal.hand.name}"
-        raise InputError(f"{what}, which is not shipped; give its file with --hand")
+        name = proposal.hand.name
+        raise InputError(f"this model is for {name}, which is not shipped; give its file with --hand")
     return own
 
 

@@ -21,6 +21,7 @@ from ..core.objects import as_object
 from ..core.poses import Pose
 from ..core.taxonomy import as_type
 from ..formats.registry import format_to_write
+from ..proposals.heuristic import SCREENED, SCREENING_DRAWS, cannot_touch
 from . import console
 from .console import HandName, Json, ModelName, ObjectPose, OwnHand, PoseNumbers, PriorFile, Trust, numbers
 
@@ -89,6 +90,9 @@ class Sample:
         elif self.side_axis is not None:
             site = obj.site(self.side_axis, reach)
         grasps = proposal.propose_alike(obj, kind, site, self.n, np.random.default_rng(self.seed))
+        if proposal.name == SCREENED and (wide := int(cannot_touch(proposal.hand, grasps).sum())):
+            tried = f"in {SCREENING_DRAWS} draws none was found whose digits can touch the object"
+            print(f"graspcascade sample: {wide} of {len(grasps)} grasps are not screened: {tried}", file=sys.stderr)
         asked: dict[str, Any] = {"grasp_type": kind.name, "object": obj.name}
         asked |= {"side_cm": self.side_cm, "side_axis": self.side_axis, "n": self.n, "seed": self.seed}
         versions = {"graspcascade": version("graspcascade"), "numpy": np.__version__}
@@ -210,6 +214,7 @@ class View:
             hand, proposal = hands.load_hand(self.hand), None
             with contextlib.suppress(InputError):
                 proposal = console.load_proposal(self.model, self.hand)
+        console.check_exists(self.file)
         batch = file_batch(self.file, hand, self.trust_pickle)
         return Start(proposal, hand, request, protocol, batch, f"{len(batch.grasps)} grasps of {self.file.name}")
 
@@ -266,6 +271,7 @@ class Export:
         hand, placed = hands.load_hand(self.hand), console.object_pose(self.object_pose)
         kind = None if self.grasp_type is None else as_type(self.grasp_type).name
         obj = None if self.object is None else as_object(self.object)
+        console.check_exists(self.grasps)
         assume = formats.Assumptions(kind, obj, self.side_axis, self.joint_numbering, hand)
         document = formats.load_document(self.grasps, self.from_format, trust_pickle=self.trust_pickle, assume=assume)
         grasps, metadata, outcomes = document.grasps, document.metadata, None

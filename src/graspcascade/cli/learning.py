@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.errors import InputError
 from ..core.files import write_folder_staged
-from ..core.taxonomy import GRASP_TYPES
+from ..core.taxonomy import GRASP_TYPES, GraspType
 from ..engines.mujoco.creep import FAST_FORWARD
 from ..engines.mujoco.runner import MujocoEngine
 from ..hands import Hand, load_hand
@@ -103,7 +103,7 @@ class Prior:
         joints = f", most often of {', '.join(f'{name} ({count})' for name, count in worst)}" if worst else ""
         print(f"prior of {len(seeds)} postures written to {self.out}; {angles}{joints}")
         if absent:
-            print(f"no postures of {', '.join(absent)}: do not ask this prior for them")
+            print(f"no postures of {', '.join(absent)}: this prior refuses to draw them")
 
 
 def _facts(seeds: Likeness, moved: Likeness) -> dict[str, object]:
@@ -118,7 +118,7 @@ def _row(seeds: Likeness, moved: Likeness) -> list[str]:
 
 
 def _make_seeds(hand: Hand, spec: SeedSpec) -> LabelledPostures:
-    with console.bar("seed postures", spec.per_type * len(GRASP_TYPES)) as progress:
+    with console.bar("seed postures", spec.per_type * len(hand.grasp_types)) as progress:
         return make_seeds(hand, spec, progress.advance)
 
 
@@ -147,9 +147,10 @@ class Collect:
         console.need("pyarrow")
         console.check_threads(threads=self.threads, workers=self.workers)
         proposal = Heuristic(load_hand(self.hand), console.load_prior(self.prior))
+        console.possible_cells(proposal, proposal.hand, "collect")
         engine = MujocoEngine(self.threads, creep=None if self.full else FAST_FORWARD)
         with console.bar("trials") as progress:
-            watch = _Watch(progress, self.spec, proposal.hand)
+            watch = _Watch(progress, self.spec, proposal.grasp_types)
             state = collect(
                 proposal,
                 self.spec,
@@ -160,7 +161,7 @@ class Collect:
                 tick=watch.trials,
             )
         trials, held, faithful = (int(counts.sum()) for counts in (state.trials, state.held, state.faithful))
-        short = [cell for cell in state.short(self.spec).tolist() if CELLS[cell][1] in proposal.hand.grasp_types]
+        short = [cell for cell in state.short(self.spec).tolist() if CELLS[cell][1] in proposal.grasp_types]
         if self.json:
             counts = {"trials": trials, "held": held, "faithful": faithful, "cells_given_up": len(short)}
             facts = {"out": str(self.out), "protocol": "paper", "rounds": state.rounds, **counts}
@@ -176,8 +177,8 @@ class Collect:
 class _Watch:
     """Show how far a collection is, and say once what its user should know."""
 
-    def __init__(self, progress: Bar, spec: CollectionSpec, hand: Hand) -> None:
-        self._progress, self._spec, self._hand = progress, spec, hand
+    def __init__(self, progress: Bar, spec: CollectionSpec, possible: Collection[GraspType]) -> None:
+        self._progress, self._spec, self._possible = progress, spec, possible
         self._state, self._in_round, self._said = CollectionState.of(()), 0, set[str]()
 
     def round(self, state: CollectionState) -> None:
@@ -203,7 +204,7 @@ class _Watch:
     def _to_come(self) -> int:
         """Count the trials that whole rounds will still execute; of held grasps, as far as the rates so far tell."""
         spec, state = self._spec, self._state
-        cells = [cell for cell in state.unfinished(spec).tolist() if CELLS[cell][1] in self._hand.grasp_types]
+        cells = [cell for cell in state.unfinished(spec).tolist() if CELLS[cell][1] in self._possible]
         trials, held = state.trials[cells], state.held[cells]
         missing = np.maximum(spec.successes_per_cell - held, 0) * (trials + 2) / (held + 1)
         missing = np.maximum(missing, spec.trials_per_cell - trials)

@@ -50,6 +50,7 @@ class Trial:
             if self.out.exists() and self.grasps.exists() and self.out.samefile(self.grasps):
                 raise InputError(f"{self.out} holds the grasps; give the report another name")
         hand = load_hand(self.hand)
+        console.check_exists(self.grasps)
         document = load_executable(self.grasps, hand, trust_pickle=self.trust_pickle)
         for note in document.notes:
             print(f"graspcascade trial: {note}", file=sys.stderr)
@@ -129,6 +130,7 @@ class Evaluate:
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         proposal = console.load_proposal(self.model, self.hand, self.prior)
         hand = console.load_executing_hand(self.hand, proposal)
+        cells = console.possible_cells(proposal, hand, "evaluate")
         with console.bar(f"trials of {proposal.name}") as progress:
             evaluation = evaluate(
                 proposal,
@@ -140,6 +142,7 @@ class Evaluate:
                 workers=self.workers,
                 out=self.out,
                 progress=progress.show,
+                cells=cells,
             )
         if self.json:
             console.print_json(evaluation.to_json())
@@ -148,9 +151,9 @@ class Evaluate:
         name = evaluation.model if evaluation.model == self.model else f"{evaluation.model} ({self.model})"
         rates = "% held / % held and type-faithful"
         print(f"{name} under protocol {protocol.name}, {self.per_cell} trials a cell: {rates}")
-        cells = {(cell.object_label, cell.grasp_type): cell for cell in evaluation.cells}
+        tried = {(cell.object_label, cell.grasp_type): cell for cell in evaluation.cells}
         rows = [
-            [obj, *(_pair(cells.get((obj, kind))) for kind in evaluation.by_type), _pair(tally)]
+            [obj, *(_pair(tried.get((obj, kind))) for kind in evaluation.by_type), _pair(tally)]
             for obj, tally in evaluation.by_object.items()
         ]
         rows.append(["all objects", *map(_pair, evaluation.by_type.values()), _pair(evaluation.total)])

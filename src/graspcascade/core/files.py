@@ -76,20 +76,23 @@ def write_json(path: Path, data: Any, *, allow_nan: bool = True) -> None:
 def sole_writer(folder: Path) -> Iterator[None]:
     """Lock a folder for writing while the block runs; others who ask for it are refused at once.
 
-    The folder is made if needed. The lock ends with the process, even when that is killed. When the block ends without
-    an error, half-written files of killed writers are removed. On a file system without locks nobody is refused and
-    nothing removed.
+    The folder is made if needed, and removed when nothing was written to it. The lock ends with the process, even when
+    that is killed. When the block ends without an error, half-written files of killed writers are removed. On a file
+    system without locks nobody is refused and no half-written file removed.
 
     Raises:
-        InputError: another process, or another call in this one, holds the lock, or `folder` is a file.
+        InputError: another process, or another call in this one, holds the lock, `folder` is a file, or its lock a
+            folder.
     """
     # Sampling writes no such folder and should not wait for it to load.
     from filelock import FileLock, Timeout
 
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is not a folder; give an empty or new one")
+    is_new, path = not folder.exists(), folder / LOCK_FILE
+    if path.is_dir():
+        raise InputError(f"{path} is a folder, where the file that locks {folder} must be; give another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / LOCK_FILE
     lock = FileLock(path, blocking=False, fallback_to_soft=False)
     try:
         lock.acquire()
@@ -113,6 +116,10 @@ def sole_writer(folder: Path) -> Iterator[None]:
             with contextlib.suppress(OSError):
                 path.unlink()
             lock.release()
+        if is_new:
+            # Of a call that was refused nothing stays; a folder that holds something cannot be removed this way.
+            with contextlib.suppress(OSError):
+                folder.rmdir()
 
 
 def holds_nothing(folder: Path) -> bool:

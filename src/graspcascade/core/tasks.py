@@ -10,11 +10,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InputError
+from .errors import InputError, check_whole
 from .objects import GraspObject, Site, as_object
 from .taxonomy import GraspType, as_type
 
 Key = TypeVar("Key", bound=Hashable)
+_MOST_ROWS = 10**9
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,7 @@ class Tasks:
     @classmethod
     def repeat(cls, task: Task, n: int) -> Tasks:
         """Repeat one task n times."""
+        check_whole("n", n, most=_MOST_ROWS)
         return cls((task,), np.zeros(n, dtype=np.intp))
 
     @classmethod
@@ -163,6 +165,7 @@ def draw_tasks(
 
     Sides are drawn, one number a row, among those no wider than `reach_m`; an object without any is an InputError.
     """
+    check_whole("n", n, most=_MOST_ROWS)
     share = rng.uniform(size=n * len(cells)).reshape(len(cells), n)
     table: list[Task] = []
     rows = []

@@ -16,7 +16,7 @@ from ..core.grasps import Grasps
 from ..core.outcomes import Outcomes
 from ..core.protocols import PAPER, Conditions, as_protocol
 from ..core.protocols import Protocol as TrialProtocol
-from ..hands import Hand, load_hand
+from ..hands import Hand, load_hand, shipped_hand, shipped_hands
 
 Progress = Callable[[int], None]
 """Called with the number of trials decided since the last call."""
@@ -111,7 +111,10 @@ def run_trials(
         >>> outcomes.verdict.shape, outcomes.touch_columns
         ((2,), ('thumb', 'index', 'middle', 'ring', 'little', 'palm'))
     """
-    chosen, trial = load_hand(grasps.hand if hand is None else hand), as_protocol(protocol)
+    trial = as_protocol(protocol)
+    if hand is None and grasps.hand not in shipped_hands() and shipped_hand(grasps.hand) is None:
+        raise InputError(f"the grasps are of hand {grasps.hand!r}, which is not shipped; give hand=load_hand(FILE)")
+    chosen = load_hand(grasps.hand if hand is None else hand)
     conditions = trial.conditions(len(grasps), seed) if conditions is None else conditions
     return as_engine(engine, **options).run(chosen, grasps, trial, conditions, observe=observe, progress=progress)
 

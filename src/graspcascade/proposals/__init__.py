@@ -32,6 +32,11 @@ class Proposal(ABC):
     name: str
     hand: Hand
 
+    @property
+    def grasp_types(self) -> tuple[GraspType, ...]:
+        """Grasp types that it can propose; here those that the hand can make."""
+        return self.hand.grasp_types
+
     @abstractmethod
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:
         """Draw one grasp for each task.

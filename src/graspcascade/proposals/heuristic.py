@@ -39,7 +39,7 @@ class Heuristic(Proposal):
         prior: what postures are drawn from.
         most_draws: how often a posture is drawn for a grasp whose opposing places are too far apart to touch the object
             (see `cannot_touch`). 1 is the paper's heuristic; above 1 this screens, as a collection does, but keeps the
-            side asked for; a grasp that no draw helps stays the last one.
+            side asked for; a grasp that no draw helps stays the last one, and `cannot_touch` tells which these are.
 
     Raises:
         InputError: the prior is of other joints than the hand.
@@ -66,6 +66,11 @@ class Heuristic(Proposal):
     def name(self) -> str:  # type: ignore[override]
         """Name that rates are quoted under."""
         return HEURISTIC if self.most_draws == 1 else SCREENED
+
+    @property
+    def grasp_types(self) -> tuple[GraspType, ...]:
+        """Grasp types that the hand can make and of which the prior has seen postures."""
+        return tuple(kind for kind in self.hand.grasp_types if kind.name in self.prior.grasp_types)
 
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
         for task in tasks.distinct:

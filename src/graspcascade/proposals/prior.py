@@ -8,6 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -46,9 +47,23 @@ class PosturePrior:
         """Word the prior in one line."""
         return f"<PosturePrior of {len(self.joint_names)} joints>"
 
+    @property
+    def grasp_types(self) -> tuple[str, ...]:
+        """Names of the types that it was trained on; files of earlier versions do not say and count as of all."""
+        return tuple(self.metadata.get("grasp_types", GRASP_TYPES))
+
     def sample(self, grasp_types: ArrayLike, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw one posture ``(n, J)`` in radians for each type name; not clipped to limits."""
-        return self.decoder.sample(type_codes(grasp_types), rng)
+        """Draw one posture ``(n, J)`` in radians for each type name, not clipped to limits.
+
+        Raises:
+            InputError: an unknown type, or one that the prior was not trained on.
+        """
+        codes = type_codes(grasp_types)
+        seen = np.isin(list(GRASP_TYPES), self.grasp_types)
+        if codes[:, ~seen].any():
+            foreign = ", ".join(np.array(list(GRASP_TYPES))[codes.any(axis=0) & ~seen])
+            raise InputError(f"the prior has seen no postures of {foreign}; it knows {', '.join(self.grasp_types)}")
+        return self.decoder.sample(codes, rng)
 
     def columns_of(self, hand: Hand) -> NDArray[np.intp]:
         """Locate a hand's joints ``(J,)`` among the columns of this prior's postures.
@@ -88,9 +103,19 @@ class PosturePrior:
         if _DECODER not in stored.decoders:
             raise FileFormatError(f"{path} holds {', '.join(stored.decoders)}, not a posture prior")
         metadata = dict(stored.metadata)
-        if "joint_names" not in metadata:
-            raise FileFormatError(f"{path} does not name its joints and is not a posture prior")
-        return cls(tuple(metadata.pop("joint_names")), stored.decoders[_DECODER], metadata)
+        decoder = stored.decoders[_DECODER]
+        try:
+            names = msgspec.convert(metadata.pop("joint_names", None), tuple[str, ...])
+            for name in msgspec.convert(metadata.get("grasp_types", []), list[str]):
+                as_type(name)
+        except (InputError, msgspec.ValidationError) as error:
+            raise FileFormatError(f"{path} does not name joints and types as a posture prior does: {error}") from error
+        widths = (decoder.spec.target_dim, decoder.spec.condition_dim)
+        if widths != (len(set(names)), len(GRASP_TYPES)) or len(set(names)) < len(names):
+            raise FileFormatError(
+                f"{path} names {len(names)} joints, but has weights for {widths[0]} and {widths[1]} types"
+            )
+        return cls(names, decoder, metadata)
 
     @classmethod
     def pretrained(cls) -> PosturePrior:

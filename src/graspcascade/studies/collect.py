@@ -9,19 +9,22 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import MAX_SEED, InputError, check_whole
+from ..core.errors import MAX_SEED, FileFormatError, InputError, check_whole
 from ..core.grasps import Grasps
 from ..core.machine import peak_rss_mb, versions
+from ..core.objects import GraspObject
 from ..core.outcomes import Outcomes
-from ..core.protocols import PAPER, Protocol
+from ..core.protocols import PAPER, Protocol, as_protocol
+from ..core.taxonomy import GraspType
 from ..engines import Engine, as_engine
 from ..engines.mujoco.creep import FAST_FORWARD
 from ..proposals.heuristic import Heuristic, cannot_touch
-from .dataset import is_intact, open_folder, write_metadata, write_round
-from .rounds import CELLS, Pair, setting_of, try_round
+from .dataset import METADATA_FILE, Shard, Whole, check_record, is_intact, open_folder, write_metadata, write_round
+from .rounds import CELLS, Pair, as_cells, setting_of, try_round
 
 MOST_DRAWS_PER_TRIAL = 1000
 """Candidates drawn of a cell for each trial of a round before it is called hopeless; the shipped prior needs three."""
@@ -112,9 +115,9 @@ def collect(
     spec: CollectionSpec,
     folder: Path | str,
     *,
-    protocol: Protocol = PAPER,
+    protocol: Protocol | str = PAPER,
     engine: Engine | None = None,
-    cells: Sequence[Pair] = CELLS,
+    cells: Sequence[tuple[GraspObject | str, GraspType | str]] = CELLS,
     workers: int = 1,
     progress: Callable[[CollectionState], None] | None = None,
     tick: Callable[[int], None] | None = None,
@@ -127,19 +130,24 @@ def collect(
         proposal: where candidates come from, and for which hand.
         spec: how much.
         folder: made if needed.
-        protocol: the trial.
+        protocol: the trial, or its name.
         engine: what tries them; by default MuJoCo on all processors, abridging the time under weight.
-        cells: pairs of object and type; those of types that the hand cannot make get no trials.
+        cells: pairs of object and type, or of their names; those of types that the proposal cannot make (see
+            `Proposal.grasp_types`) get no trials.
         workers: processes to try in, 0 for as many as processors; 1 stays in this one.
         progress: called at the start and after each round.
         tick: called within a round with the number of trials decided since the last call.
 
     Raises:
         InputError: the folder holds a collection with other arguments, or something else, or another process is
-            collecting into it; or the prior's postures can hardly touch an object.
+            collecting into it; or none of the types can be made, or the prior's postures can hardly touch
+            an object.
         FileFormatError: the metadata of its collection cannot be read.
     """
-    folder, hand, cells = Path(folder), proposal.hand, tuple(cells)
+    folder, hand, cells, protocol = Path(folder), proposal.hand, as_cells(cells), as_protocol(protocol)
+    if cells and not any(kind in proposal.grasp_types for _, kind in cells):
+        possible = ", ".join(kind.name for kind in proposal.grasp_types) or "none"
+        raise InputError(f"{hand.name} and the prior can make none of the types asked for. Possible types: {possible}.")
     engine = as_engine(creep=FAST_FORWARD) if engine is None else engine
     identity = setting_of(hand, protocol, cells) | {
         "prior": proposal.prior.fingerprint(),
@@ -155,6 +163,7 @@ def collect(
     empty = {"collection": asdict(spec), "counts": {}, "shards": []}
     with open_folder(folder, "collection", identity, empty) as metadata:
         shards = metadata["shards"]
+        _check(metadata, folder / METADATA_FILE, len(cells))
         # More may be asked of a finished collection: rows so far stay what they are.
         if metadata["collection"] != asdict(spec):
             before = {"rounds": len(shards), "collection": metadata["collection"]}
@@ -168,7 +177,7 @@ def collect(
             # A lost shard gets the cells that it had, as its counts tell, whatever is asked for by now.
             number = lost[0] if lost else len(shards)
             wanting = np.flatnonzero(shards[number]["trials"]) if lost else state.unfinished(spec)
-            asked = [cell for cell in wanting.tolist() if cells[cell][1] in hand.grasp_types]
+            asked = [cell for cell in wanting.tolist() if cells[cell][1] in proposal.grasp_types]
             if not asked:
                 return state
             begun = time.perf_counter()
@@ -184,6 +193,28 @@ def collect(
             metadata.setdefault("effort", {})[entry["file"]] = spent
             metadata["counts"] = _totals(cells, shards)
             write_metadata(folder, metadata)
+
+
+class _Round(Shard):
+    trials: list[Whole]
+    held: list[Whole]
+    faithful: list[Whole]
+    screened_out: Whole
+
+
+class _Collected(msgspec.Struct):
+    collection: dict[str, Any]
+    shards: list[_Round]
+    asked_before: list[Any] = []
+    effort: dict[str, Any] = {}
+
+
+def _check(metadata: Mapping[str, Any], path: Path, n_cells: int) -> None:
+    for shard in check_record(metadata, _Collected, path).shards:
+        counts = (shard.trials, shard.held, shard.faithful)
+        # No cell holds more often than it is tried, or more type-faithfully than at all.
+        if {len(column) for column in counts} != {n_cells} or not all(t >= h >= f for t, h, f in zip(*counts)):  # noqa: B905
+            raise FileFormatError(f"{path}: the counts of {shard.file} are not those of {n_cells} cells")
 
 
 @dataclass(frozen=True)

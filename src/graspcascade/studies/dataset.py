@@ -7,19 +7,21 @@ are. SI units; frames as in `Grasps` and `Outcomes`. Real numbers are stored in 
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import FileFormatError, InputError
 from ..core.files import holds_nothing, read_json, sole_writer, write_json, write_staged
 from ..core.grasps import Grasps
-from ..core.outcomes import PALM, Outcomes
+from ..core.outcomes import PALM, VERDICTS, Outcomes
 from ..core.poses import Pose, canonical_quat
 from ..core.protocols import Conditions
 from ..core.records import Columns, gather, gather_pose, read_tasks, spread, spread_pose
@@ -31,6 +33,45 @@ SCHEMA_VERSION = 1
 _AXES = ("x", "y", "z")
 _GRASP_NUMBERS = ("side_m", "grasp_size_m")
 _OUTCOME_NUMBERS = ("object_size_m", "displacement_m", "turn_rad", "duration_s")
+_FARTHEST_M, _UNIT_TOLERANCE = 1.0, 1e-3
+"""An object farther from the hand, or a quaternion whose length differs more from 1, is of no grasp."""
+_WORDS = {"model_metadata": "training of the model", "hand_fingerprint": "hand file", "pregrasp_rad": "open hand"}
+"""What entries of the metadata are called in messages, where not by their keys."""
+
+Record = TypeVar("Record")
+Whole = Annotated[int, msgspec.Meta(ge=0)]
+
+
+class Shard(msgspec.Struct):
+    """What the metadata lists of a shard."""
+
+    file: Annotated[str, msgspec.Meta(pattern=r"^part-[0-9]+\.parquet$")]
+    sha256: str
+
+
+class _Named(msgspec.Struct):
+    name: str
+
+
+class _Metadata(msgspec.Struct):
+    """What every dataset's metadata must say; studies add entries of their own."""
+
+    schema_version: int
+    hand: str
+    joint_names: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+    pregrasp_rad: tuple[float, ...]
+    protocol: _Named
+    shards: list[Shard]
+    digits: tuple[str, ...] = DIGITS
+    objects: dict[str, Any] = {}
+    hand_fingerprint: str | None = None
+
+    def __post_init__(self) -> None:
+        for what, names in (("joint_names", self.joint_names), ("shards", [shard.file for shard in self.shards])):
+            if twice := [name for name, count in Counter(names).items() if count > 1]:
+                raise ValueError(f"{twice[0]} is twice in {what}")
+        if len(self.pregrasp_rad) != len(self.joint_names) or not np.isfinite(self.pregrasp_rad).all():
+            raise ValueError(f"pregrasp_rad must be an angle for each of {len(self.joint_names)} joint_names")
 
 
 @dataclass(frozen=True)
@@ -76,7 +117,9 @@ def load_dataset(folder: Path | str) -> Dataset:
     if not metadata["shards"]:
         raise InputError(f"{folder} holds no shards yet")
     parts = [_read_shard(folder / entry["file"], entry["sha256"]) for entry in metadata["shards"]]
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    # A column that some shard lacks is missed below, unless it need not be there.
+    shared = [name for name in parts[0] if all(name in part for part in parts)]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in shared}
     grasps, outcomes, conditions = from_columns(columns, metadata)
     return Dataset(grasps, outcomes, metadata, conditions)
 
@@ -130,13 +173,14 @@ def from_columns(
         about: the dataset's metadata: hand, joint names, pregrasp, digits, and objects that are not spelled by size.
 
     Raises:
-        FileFormatError: a column is missing, or a row names a task that cannot be.
+        FileFormatError: a column is missing or holds a value that cannot be, or a row names a task that cannot be.
     """
     joint_names, digits = tuple(about["joint_names"]), tuple(about.get("digits", DIGITS))
     touch = (*digits, PALM)
     # Earlier versions did not record turns.
     columns = {"turn_rad": np.full(len(columns["side_m"]), np.nan), **columns} if "side_m" in columns else columns
     try:
+        _check_values(columns, joint_names)
         types, objects, axes = (columns[name] for name in ("grasp_type", "object_label", "side_axis"))
         numbers = {name: np.asarray(columns[name], dtype=np.float64) for name in (*_GRASP_NUMBERS, *_OUTCOME_NUMBERS)}
         posture = gather(columns, "posture", joint_names)
@@ -164,6 +208,20 @@ def from_columns(
     except KeyError as error:
         raise FileFormatError(f"the dataset lacks column {error.args[0]!r}") from error
     return grasps, outcomes, conditions
+
+
+def _check_values(columns: Mapping[str, NDArray[Any]], joint_names: tuple[str, ...]) -> None:
+    is_held = columns["verdict"] == "held"
+    right = {"verdict": np.isin(columns["verdict"].astype(str), VERDICTS), "held": columns["held"] == is_held}
+    right |= {f"posture_{name}": np.isfinite(columns[f"posture_{name}"]) for name in joint_names}
+    pose = gather_pose(columns, "object")
+    within = np.abs(pose.position_m) < _FARTHEST_M
+    right |= {f"object_{axis}_m": within[:, place] for place, axis in enumerate(_AXES)}
+    right["object_qw"] = np.abs(np.linalg.norm(pose.quat_wxyz, axis=1) - 1.0) < _UNIT_TOLERANCE
+    for name, rows in right.items():
+        if not rows.all():
+            row = int(np.argmin(rows))
+            raise FileFormatError(f"column {name!r} of the dataset cannot be {columns[name][row]} (row {row})")
 
 
 def _conditions(columns: Mapping[str, NDArray[Any]]) -> Conditions:
@@ -207,8 +265,9 @@ def open_folder(
         if not is_new:
             metadata = read_metadata(folder)
             if differing := [key for key, value in identity.items() if metadata.get(key) != value]:
+                words = ", ".join(_WORDS.get(key, key.replace("_", " ")) for key in differing)
                 raise InputError(
-                    f"{folder} holds rounds with another {', '.join(differing)}; "
+                    f"{folder} holds rounds with another {words}; "
                     "give the same arguments to go on with it, or another folder"
                 )
         elif not holds_nothing(folder):
@@ -229,7 +288,7 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     """Read and check the metadata file.
 
     Raises:
-        FileFormatError: it is missing, not JSON or of another schema.
+        FileFormatError: it is missing, not JSON or of another schema, or lacks or garbles what every dataset says.
     """
     path = folder / METADATA_FILE
     if not path.is_file():
@@ -238,10 +297,16 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     metadata: dict[str, Any] = read if isinstance(read, dict) else {}
     if (version := metadata.get("schema_version", SCHEMA_VERSION)) != SCHEMA_VERSION:
         raise FileFormatError(f"{path} has schema version {version}; this version reads {SCHEMA_VERSION}")
-    keys = ("schema_version", "joint_names", "pregrasp_rad", "shards")
-    if missing := [key for key in keys if key not in metadata]:
-        raise FileFormatError(f"{path} is not readable dataset metadata: it lacks {', '.join(missing)}")
+    check_record(metadata, _Metadata, path)
     return metadata
+
+
+def check_record(data: Any, kind: type[Record], path: Path) -> Record:
+    """Read a part of the metadata in `path` as a record; a FileFormatError says what of it does not fit."""
+    try:
+        return msgspec.convert(data, kind)
+    except msgspec.ValidationError as error:
+        raise FileFormatError(f"{path} is not readable metadata: {error}") from error
 
 
 def write_metadata(folder: Path, metadata: dict[str, Any]) -> None:

@@ -10,21 +10,24 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from ..core.errors import MAX_SEED, FileFormatError, InputError, check_whole
 from ..core.grasps import Grasps
 from ..core.machine import versions
+from ..core.objects import GraspObject
 from ..core.outcomes import VERDICTS, Outcomes
-from ..core.protocols import PAPER, Protocol
+from ..core.protocols import PAPER, Protocol, as_protocol
 from ..core.tasks import draw_tasks
+from ..core.taxonomy import GraspType
 from ..engines import Engine, as_engine
 from ..hands import Hand, load_hand
 from ..proposals import Proposal
 from ..proposals.cascade.sampler import EVALUATION_FILE
-from .dataset import METADATA_FILE, is_intact, open_folder, shard_path, write_metadata, write_round
+from .dataset import METADATA_FILE, Whole, check_record, is_intact, open_folder, shard_path, write_metadata, write_round
 from .record import Cell, Evaluation
-from .rounds import CELLS, Pair, setting_of, try_round
+from .rounds import CELLS, Pair, as_cells, setting_of, try_round
 
 ROUND_PER_CELL = 20
 """Trials of a cell in one round; a round is all that an interruption can lose."""
@@ -42,13 +45,13 @@ def evaluate(
     *,
     per_cell: int,
     seed: int,
-    protocol: Protocol = PAPER,
-    hand: Hand | None = None,
+    protocol: Protocol | str = PAPER,
+    hand: Hand | Path | str | None = None,
     engine: Engine | None = None,
     workers: int = 1,
     out: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
-    cells: Sequence[Pair] = CELLS,
+    cells: Sequence[tuple[GraspObject | str, GraspType | str]] = CELLS,
     name: str | None = None,
     metadata: Mapping[str, Any] | None = None,
 ) -> Evaluation:
@@ -61,15 +64,15 @@ def evaluate(
         proposal: draws the grasps.
         per_cell: trials for each object and type.
         seed: of every draw.
-        protocol: what is done and what counts.
-        hand: the hand to execute with; by default the proposal's.
+        protocol: what is done and what counts, or its name.
+        hand: the hand to execute with, its name or file; by default the proposal's.
         engine: what tries them; by default MuJoCo on all processors.
         workers: processes to try in, 0 for as many as processors; 1 stays in this one.
         out: folder that keeps finished rounds (rows as Parquet where pyarrow is installed) and the final
             `evaluation.json`; the same call goes on where an earlier one was cut off, and executes rounds whose rows
             were lost since again. None keeps nothing.
         progress: called with trials done and trials in all.
-        cells: pairs of object and grasp type.
+        cells: pairs of object and grasp type, or of their names.
         name: what the numbers are quoted under; by default the proposal's name.
         metadata: JSON-able facts of the model, recorded with the numbers; by default the proposal's.
 
@@ -85,10 +88,12 @@ def evaluate(
         >>> result.protocol.name, result.n
         ('paper', 2)
     """
-    engine, cells = as_engine() if engine is None else engine, tuple(cells)
+    engine, cells = as_engine() if engine is None else engine, as_cells(cells)
+    protocol = as_protocol(protocol)
     if engine.abridged is not None:
         raise InputError("an evaluation computes every step; give an engine with creep=None")
-    hand = load_hand(proposal.hand.name) if hand is None and proposal.hand.mjcf is None else hand or proposal.hand
+    own = proposal.hand.name if proposal.hand.mjcf is None else proposal.hand
+    hand = load_hand(own if hand is None else hand)
     name = proposal.name if name is None else name
     check_whole("per_cell", per_cell, 1)
     check_whole("seed", seed, most=MAX_SEED)
@@ -105,7 +110,7 @@ def evaluate(
     }
     rounds = [min(ROUND_PER_CELL, per_cell - start) for start in range(0, per_cell, ROUND_PER_CELL)]
     draws = [EvaluationRound(proposal, cells, n, seed, number) for number, n in enumerate(rounds)]
-    with _open(out, identity, len(cells)) as (metadata, lost):
+    with _open(out, identity, rounds) as (metadata, lost):
         kept = metadata["rounds"]
         # Names do not tell a model from a retrained one; the first round, drawn again, does.
         if kept and not np.allclose(
@@ -180,8 +185,10 @@ class EvaluationRound:
 
 
 @contextmanager
-def _open(out: Path | None, identity: dict[str, Any], n_cells: int) -> Iterator[tuple[dict[str, Any], list[int]]]:
-    """Open the metadata of finished rounds, and list the rounds whose rows were lost.
+def _open(
+    out: Path | None, identity: dict[str, Any], sizes: Sequence[int]
+) -> Iterator[tuple[dict[str, Any], list[int]]]:
+    """Open the metadata of finished rounds of certain sizes, and list the rounds whose rows were lost.
 
     A folder is also a dataset that `load_dataset` reads. Counts are kept beside the rows, so that resuming needs no
     pyarrow.
@@ -191,16 +198,36 @@ def _open(out: Path | None, identity: dict[str, Any], n_cells: int) -> Iterator[
         yield empty, []
         return
     with open_folder(folder := Path(out), "evaluation", identity, empty) as metadata:
-        try:
-            shapes = {np.array(kept["counts"], dtype=np.int64).shape for kept in metadata["rounds"]}
-            if shapes - {(n_cells, len(VERDICTS) + len(_COUNTED))}:
-                raise ValueError("a round has counts of another shape")
-            shards = {shard["file"]: {"file": shard["file"], "sha256": shard["sha256"]} for shard in metadata["shards"]}
-        except (KeyError, TypeError, ValueError) as error:
-            raise FileFormatError(f"{folder / METADATA_FILE} is not readable evaluation metadata: {error}") from error
+        _check(metadata, folder / METADATA_FILE, identity, sizes)
+        shards = {shard["file"]: shard for shard in metadata["shards"]}
         # Rounds done where pyarrow was not installed have no shard to lose, and without it none can be written.
         names = [shard_path(folder, number).name for number in range(len(metadata["rounds"]) if _keeps_rows() else 0)]
         yield metadata, [n for n, name in enumerate(names) if name in shards and not is_intact(folder, shards[name])]
+
+
+class _Round(msgspec.Struct):
+    counts: list[list[Whole]]
+
+
+class _Rounds(msgspec.Struct):
+    rounds: list[_Round]
+    first_round_mean: list[float] | None = None
+
+
+def _check(metadata: dict[str, Any], path: Path, identity: Mapping[str, Any], sizes: Sequence[int]) -> None:
+    read = check_record(metadata, _Rounds, path)
+    n_cells, n_columns = len(identity["cells"]), len(VERDICTS) + len(_COUNTED)
+    n_means = len(identity["joint_names"]) + 7
+    if len(read.rounds) > len(sizes) or (read.rounds and len(read.first_round_mean or ()) != n_means):
+        raise FileFormatError(f"{path} needs at most {len(sizes)} rounds and, with one, {n_means} first_round_mean")
+    for number, (kept, size) in enumerate(zip(read.rounds, sizes, strict=False)):
+        # The verdicts of a cell are those of its trials; of the held ones some are faithful, and some steady.
+        fits = [
+            len(row) == n_columns and sum(row[: len(VERDICTS)]) == size and max(row[len(VERDICTS) :]) <= row[0]
+            for row in kept.counts
+        ]
+        if len(fits) != n_cells or not all(fits):
+            raise FileFormatError(f"{path}: the counts of round {number} are not of {size} trials in {n_cells} cells")
 
 
 def _keeps_rows() -> bool:

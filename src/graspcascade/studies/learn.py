@@ -94,6 +94,7 @@ def fit_prior(
     metric = contact_metric(hand, postures, seeds.grasp_type)
     fitted = fit(spec, training, postures.astype(np.float32), type_codes(seeds.grasp_type), metric, progress)
     about = {"kind": "posture prior", "hand": hand.name, "n_postures": len(seeds), "training": asdict(training)}
+    about["grasp_types"] = [name for name in GRASP_TYPES if name in seeds.grasp_type]
     return PosturePrior(hand.joint_names, NumpyDecoder.from_fitted(fitted), about)
 
 
@@ -112,16 +113,17 @@ def contact_metric(hand: Hand, postures: Array, grasp_types: NDArray[np.str_]) -
         for chunk in np.array_split(rows, max(1, len(rows) // 2000)):
             some = postures[chunk]
             changes = [_geometry(hand, some + step, kind) - _geometry(hand, some - step, kind) for step in steps]
-            jacobians[chunk, : 3 + 3 * len(kind.support)] = np.stack(changes, axis=-1) / 2e-5
+            jacobians[chunk, : changes[0].shape[1]] = np.stack(changes, axis=-1) / 2e-5
     return jacobians
 
 
 def _geometry(hand: Hand, postures: Array, kind: GraspType) -> Array:
     thumb, other = kind.opposition
     # Averaged by hand instead of `executed`, whose clipping at the limits would hide the slope there.
-    places = hand.place_points(hand.share(postures), [thumb, other, *kind.support])
+    support = [name for name in kind.support if name in hand.places]
+    places = hand.place_points(hand.share(postures), [thumb, other, *support])
     vectors = [places[other].point_m - places[thumb].point_m]
-    vectors += [places[name].point_m - places[other].point_m for name in kind.support]
+    vectors += [places[name].point_m - places[other].point_m for name in support]
     return np.concatenate(vectors, axis=-1)
 
 
@@ -195,7 +197,7 @@ def prepare(hand: Hand, dataset: Dataset, factorization: Factorization, config: 
         InputError: fewer than 100 successes, or a task that the factorization cannot learn (see `check_known`).
     """
     for task in dataset.grasps.tasks.distinct:
-        check_known(task, factorization.object_code, factorization.name)
+        check_known(task, factorization.object_code)
     held = dataset.outcomes.held
     rows = dataset.outcomes.faithful(dataset.grasps) if config.learn_from == "faithful" else held
     if rows.sum() < 100:
@@ -298,15 +300,21 @@ def fit_cascade(
             The weights are the same bit by bit.
 
     Raises:
-        InputError: the dataset is of another hand, holds too few successes or objects that the factorization cannot
-            tell apart, or `workers` is negative.
+        InputError: the dataset is of another hand, names no protocol, holds too few successes or objects that the
+            factorization cannot tell apart, or `workers` is negative.
         FloatingPointError: a stage's loss stopped being finite.
     """
     config = config or CascadeTraining()
-    if dataset.grasps.joint_names != hand.joint_names:
-        raise InputError(f"the dataset's joints are not those of {hand.name}")
+    if (dataset.grasps.hand, dataset.grasps.joint_names) != (hand.name, hand.joint_names):
+        raise InputError(f"the dataset is of hand {dataset.grasps.hand!r} or of other joints than {hand.name} has")
     if dataset.metadata.get("hand_fingerprint", hand.fingerprint()) != hand.fingerprint():
         raise InputError(f"the dataset was collected with another model of the hand than {hand.name}")
+    # What is recorded with the weights is asked for before hours of training, not after.
+    about = dataset.metadata
+    if not isinstance(trial := about.get("protocol"), dict) or "name" not in trial:
+        raise InputError("the dataset's metadata must name the protocol of its trials")
+    learned_on = {key: about.get(key) for key in ("seed", "prior", "hand", "screening")}
+    learned_on |= {"trials": len(dataset.outcomes), "protocol": trial["name"], "shards": shards_digest(about)}
     data = prepare(hand, dataset, factorization, config)
     # The longest stage first, so that none of the others has to wait for it in the end.
     jobs = [StageJob.of(data, stage, config) for stage in factorization.stages]
@@ -319,13 +327,10 @@ def fit_cascade(
     trained = dict(zip([job.name for job in jobs], run_jobs(jobs, workers, report), strict=True))
     fitted = {stage.name: trained[stage.name] for stage in factorization.stages}
     decoders = {name: NumpyDecoder.from_fitted(stage) for name, stage in fitted.items()}
-    about = dataset.metadata
-    learned_on = {key: about.get(key) for key in ("seed", "prior", "hand", "screening")}
-    learned_on |= {"trials": len(dataset.outcomes), "protocol": about["protocol"]["name"]}
     metadata = {
         "config": asdict(config),
         "learned_from": data.n_grasps,
-        "dataset": learned_on | {"shards": shards_digest(about)},
+        "dataset": learned_on,
         "versions": versions() | {"torch": version("torch")},
         "final_loss": {name: round(stage.history[-1].train_loss, 4) for name, stage in fitted.items()},
     }

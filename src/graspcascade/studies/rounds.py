@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +10,10 @@ import numpy as np
 
 from ..core.errors import InputError
 from ..core.grasps import Grasps
-from ..core.objects import CATALOGUE, GraspObject
+from ..core.objects import CATALOGUE, GraspObject, as_object
 from ..core.outcomes import Outcomes
 from ..core.protocols import Conditions, Protocol
-from ..core.taxonomy import GRASP_TYPES, GraspType
+from ..core.taxonomy import GRASP_TYPES, GraspType, as_type
 from ..engines import Engine
 from ..hands import Hand
 from .executor import run_jobs, worker_count
@@ -24,6 +24,11 @@ CELLS: tuple[Pair, ...] = tuple((obj, kind) for obj in CATALOGUE.values() for ki
 
 Draw = Callable[[], Grasps]
 """Draws the grasps of one round: a pure function of its own fields, so that every process draws the same."""
+
+
+def as_cells(pairs: Iterable[tuple[GraspObject | str, GraspType | str]]) -> tuple[Pair, ...]:
+    """Read pairs of an object and a type, or of their names; an InputError names the nearest to an unknown one."""
+    return tuple((as_object(obj), as_type(kind)) for obj, kind in pairs)
 
 
 def cell_name(pair: Pair) -> str:

@@ -87,24 +87,31 @@ class SeedSpec:
 def make_seeds(
     hand: Hand, spec: SeedSpec | None = None, progress: Callable[[int], None] | None = None
 ) -> LabelledPostures:
-    """Make seed postures for all six types, apertures evenly spread.
+    """Make seed postures for all types that the hand can make, apertures evenly spread.
 
     Args:
         hand: the hand; its joints carry the Shadow names the human statistics use.
         spec: counts, weights and seed.
         progress: called with 1 after each posture.
+
+    Raises:
+        InputError: the hand can make no type.
     """
     spec = spec or SeedSpec()
+    if not hand.grasp_types:
+        raise InputError(f"hand {hand.name} has the digits and contact places of no grasp type")
     span = spec.aperture_max_m - spec.aperture_min_m
     apertures = spec.aperture_min_m + span * np.linspace(0.0, 1.0, spec.per_type) ** spec.aperture_skew
-    postures = []
-    for number, kind in enumerate(GRASP_TYPES.values()):
+    postures, order = [], list(GRASP_TYPES)
+    for kind in hand.grasp_types:
+        number = order.index(kind.name)
         rng = np.random.default_rng([spec.seed, number])
         for aperture in apertures.tolist():
             postures.append(_solve(hand, kind, aperture, spec, rng))
             if progress is not None:
                 progress(1)
-    return LabelledPostures(hand.joint_names, np.array(postures), np.repeat(list(GRASP_TYPES), spec.per_type))
+    names = np.repeat([kind.name for kind in hand.grasp_types], spec.per_type)
+    return LabelledPostures(hand.joint_names, np.array(postures), names)
 
 
 def _solve(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, rng: np.random.Generator) -> Array:
@@ -133,7 +140,8 @@ def _solve(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, rng: 
 
 def _contact_residuals(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, postures: Array) -> Array:
     thumb_name, other_name = kind.opposition
-    places = hand.place_points(postures, [thumb_name, other_name, *kind.support])
+    support = [name for name in kind.support if name in hand.places]
+    places = hand.place_points(postures, [thumb_name, other_name, *support])
     thumb, other = places[thumb_name], places[other_name]
     line = other.point_m - thumb.point_m
     distance = np.linalg.norm(line, axis=-1, keepdims=True)
@@ -143,7 +151,8 @@ def _contact_residuals(hand: Hand, kind: GraspType, aperture_m: float, spec: See
         spec.normal_weight * (thumb.normal - axis),
         spec.normal_weight * (other.normal + axis),
     ]
-    for fingers_between, name in enumerate(kind.support):
+    for name in support:
+        fingers_between = kind.support.index(name)
         offset = places[name].point_m - other.point_m
         out_of_plane = (offset * axis).sum(axis=-1, keepdims=True)
         beside = np.linalg.norm(offset - out_of_plane * axis, axis=-1, keepdims=True)

@@ -37,7 +37,7 @@ def known_object(obj: GraspObject) -> GraspObject | None:
     return next((other for other in CATALOGUE.values() if other.shape == obj.shape), None)
 
 
-def check_known(task: Task, code: ObjectCode, model: str) -> None:
+def check_known(task: Task, code: ObjectCode) -> None:
     """Check that a model can learn or be asked for a task.
 
     Raises:
@@ -47,7 +47,7 @@ def check_known(task: Task, code: ObjectCode, model: str) -> None:
     obj, site = task.object, task.site
     if not math.isclose(obj.sides_m.get(site.name, math.nan), site.width_m, rel_tol=1e-6):
         raise InputError(
-            f"model {model!r} holds objects by their sides, not by {site.name}, {site.width_m * 100:g} cm wide; sides "
+            f"this model holds objects by their sides, not by {site.name}, {site.width_m * 100:g} cm wide; sides "
             f"of {obj.name}: {obj.describe_sides()}. The heuristic takes any site (--model heuristic, or screened)."
         )
     if code == "label" and known_object(obj) is None:
@@ -55,7 +55,7 @@ def check_known(task: Task, code: ObjectCode, model: str) -> None:
         alike = [other for other in CATALOGUE.values() if other.shape.kind == shape.kind]
         nearest = min(alike, key=lambda other: float(np.abs(np.array(other.extents_m) - size).sum()))
         raise InputError(
-            f"model {model!r} knows nine objects by name and not {obj.name}; the nearest of these is {nearest.name}. "
+            f"this model knows nine objects by name and not {obj.name}; the nearest of these is {nearest.name}. "
             "The heuristic takes any size (--model heuristic, or screened), and so does a model3_any_size once trained."
         )
 

@@ -18,7 +18,7 @@ from ...core.errors import MAX_SEED, FileFormatError, InputError, check_name, ch
 from ...core.grasps import Grasps
 from ...core.objects import GraspObject, as_object
 from ...core.poses import Pose, canonical_quat
-from ...core.tasks import Tasks
+from ...core.tasks import Task, Tasks
 from ...core.taxonomy import GraspType, as_type
 from ...hands.hand import Hand
 from ...nets import NumpyDecoder, load_decoders, save_decoders
@@ -116,6 +116,7 @@ class GraspSampler(Proposal):
             factorization = msgspec.convert(about["factorization"], Factorization)
             sizes = msgspec.convert(about["sizes"], SizeRule)
             hand = Hand.from_json(about["hand"])
+            training = msgspec.convert(about["training"], dict[str, Any])
             missing = [stage.name for stage in factorization.stages if stage.name not in stored.decoders]
         except (KeyError, TypeError) as error:
             raise FileFormatError(f"{path} lacks or garbles {error}") from error
@@ -123,8 +124,25 @@ class GraspSampler(Proposal):
             raise FileFormatError(f"{path} cannot be read: {error}") from error
         if missing:
             raise FileFormatError(f"{path} lacks the weights of stage {', '.join(missing)}")
-        sampler = cls(factorization.name, hand, factorization, stored.decoders, sizes, about["training"])
+        sampler = cls(factorization.name, hand, factorization, stored.decoders, sizes, training)
+        sampler._check_parts(path)
         return replace(sampler, measured=_measured(path.with_name(EVALUATION_FILE), sampler))
+
+    def _check_parts(self, path: Path) -> None:
+        """Check that stages, weights and hand fit together, by a draw of every type: a file can be edited."""
+        hand = self.hand
+        anything = replace(self, hand=replace(hand, reach_m=np.inf), size_mode="paper")
+        tasks = Tasks.of(Task.of(kind, "box_small", "x") for kind in hand.grasp_types)
+        try:
+            # Limits that are no numbers compare as false.
+            if len(set(hand.joint_names)) < len(hand.joint_names) or not np.all(hand.lower_rad <= hand.upper_rad):
+                raise InputError("the hand's joints need names of their own and a lower and an upper limit each")
+            drawn = anything.propose(tasks, np.random.default_rng(0)).columns()
+            if not all(np.isfinite(drawn[name]).all() for name in ("posture", "pregrasp", "position_m", "quat_wxyz")):
+                raise InputError("a grasp drawn from it is not finite")
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            said = error if isinstance(error, InputError) else repr(error)
+            raise FileFormatError(f"{path}: its stages, weights and hand do not fit together ({said})") from error
 
     def save(self, folder: Path | str) -> None:
         """Write one safetensors file whose header carries stages, hand geometry, sizes and training as JSON.
@@ -137,6 +155,12 @@ class GraspSampler(Proposal):
         learned = {"factorization": asdict(self.factorization), "sizes": asdict(self.sizes)}
         about = {"kind": _KIND, **learned, "hand": self.hand.to_json(), "training": self.metadata}
         save_decoders(folder / WEIGHTS_FILE, self.decoders, about)
+
+    @property
+    def grasp_types(self) -> tuple[GraspType, ...]:
+        """Grasp types that the hand can make and that were seen in training."""
+        seen = self.sizes.best_offset_m
+        return tuple(kind for kind in self.hand.grasp_types if kind.name in seen or self.size_mode == "paper")
 
     def fingerprint(self) -> str:
         """Compute a short digest of the weights."""
@@ -196,7 +220,7 @@ class GraspSampler(Proposal):
         """
         check_reach(self.hand, tasks)
         for task in tasks.distinct:
-            check_known(task, self.factorization.object_code, self.name)
+            check_known(task, self.factorization.object_code)
         blank = np.full(len(tasks), np.nan)
         sizes = self.sizes.apply(Request(tasks, blank, blank), self.size_mode, rng)
         request = Request(tasks, *sizes)
@@ -230,12 +254,17 @@ def shipped_folder(name: str = "default") -> Path:
     Raises:
         InputError: no cascade of that name is shipped.
     """
+    shipped = shipped_folders()
+    if name not in shipped:
+        raise unknown("model", name, shipped)
+    return shipped[name]
+
+
+def shipped_folders() -> dict[str, Path]:
+    """List the folders of the shipped cascades by name, "default" first."""
     weights = Path(str(files("graspcascade.proposals.cascade") / "weights"))
-    shipped = sorted(folder.name for folder in weights.iterdir() if folder.is_dir())
-    chosen = DEFAULT if name == "default" else name
-    if chosen not in shipped:
-        raise unknown("model", name, ["default", *shipped])
-    return weights / chosen
+    shipped = {folder.name: folder for folder in sorted(weights.iterdir()) if folder.is_dir()}
+    return {"default": shipped[DEFAULT], **shipped}
 
 
 def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:

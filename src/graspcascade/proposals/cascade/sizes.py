@@ -57,6 +57,11 @@ class SizeRule:
     grasp_offsets_m: dict[str, list[float]]
     object_offset_m: dict[str, float]
 
+    def __post_init__(self) -> None:
+        keys, lengths = self.best_offset_m.keys(), {len(knots) for knots in self.grasp_offsets_m.values()}
+        if not keys == self.grasp_offsets_m.keys() == self.object_offset_m.keys() or lengths - {len(_KNOTS)}:
+            raise InputError(f"tables of sizes need the same entries, grasp_offsets_m {len(_KNOTS)} numbers in each")
+
     @classmethod
     def measure(cls, request: Request, success: NDArray[np.bool_], held: NDArray[np.bool_]) -> SizeRule:
         """Measure the offsets on trials.
