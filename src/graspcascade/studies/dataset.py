@@ -43,7 +43,7 @@ class Dataset:
         conditions: those of each trial, None where all are as in the protocol's physics.
         metadata: schema version, protocol, hand, objects, seed, counts, versions, checksums.
 
-    Example:
+    Examples:
         >>> from tempfile import TemporaryDirectory
         >>> from graspcascade import as_object, as_type, load_hand
         >>> from graspcascade.proposals.heuristic import Heuristic
