@@ -1,6 +1,8 @@
-"""Shows the way from recorded hand postures, in a CSV file, to a posture prior and grasps tried in physics."""
+"""Shows the way from recorded postures in a CSV file to a prior and grasps in physics; needs the train extra."""
 
+import sys
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,6 +13,9 @@ from graspcascade.proposals.heuristic import Heuristic
 from graspcascade.studies.learn import PRIOR_TRAINING, fit_prior
 from graspcascade.studies.postures import export_postures, import_postures
 from graspcascade.studies.seeds import SeedSpec, make_seeds
+
+if not find_spec("torch"):
+    sys.exit("this example trains: pip install -c constraints.txt '.[train]'")
 
 hand = load_hand("shadow")
 with TemporaryDirectory() as folder:

@@ -1,5 +1,7 @@
-"""Shows the whole chain in miniature: collect trials as a dataset, train a cascade on them, save it and sample."""
+"""Shows the whole chain in miniature: collect trials, train a cascade, save it and sample; needs the train extra."""
 
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,9 +15,12 @@ from graspcascade.studies.collect import CollectionSpec, collect
 from graspcascade.studies.dataset import load_dataset
 from graspcascade.studies.learn import CascadeTraining, fit_cascade
 
+if not (find_spec("torch") and find_spec("pyarrow")):
+    sys.exit("this example trains: pip install -c constraints.txt '.[train]'")
+
 hand = load_hand("shadow")
 heuristic = Heuristic(hand, PosturePrior.pretrained())
-# In earnest: the paper protocol as it is, and 1200 trials for each of the 54 cells of object and type.
+# In earnest: the paper protocol as it is, and 1200 trials for each cell, one of 54 pairs of object and type.
 short = Protocol("short", (Close(), Shake(cycles=1), Carry(0.3)))
 few = CollectionSpec(trials_per_cell=8, round_per_cell=8)
 

@@ -7,20 +7,21 @@ from graspcascade.proposals.heuristic import SCREENING_DRAWS, Heuristic
 from graspcascade.proposals.prior import PosturePrior
 
 hand = load_hand("shadow")
-# The paper's cascade knows nine objects by name; the heuristic takes any size, and screened it draws again where the
-# digits could not touch the object.
+# The paper's cascade knows nine objects by name. The heuristic takes any size; screened, it draws another posture where
+# the digits would stay too far apart to touch the object.
 screened = Heuristic(hand, PosturePrior.pretrained(), most_draws=SCREENING_DRAWS)
-WISHES = [
+ASKED = [
     ("tripod", "box:32x41x60mm", "x"),
     ("palmar_pinch", "cylinder:12x140mm", "x"),
     ("writing_tripod", "sphere:40mm", "x"),
 ]
 
-for kind, size, axis in WISHES:
+for kind, size, axis in ASKED:
     obj = as_object(size)
     # The hand reaches round 65 mm: of the pen, 140 mm long, only the diameter can be held.
     print(f"{obj.name}: {obj.mass_kg * 1000:.0f} g, can be held by {obj.describe_sides(hand.reach_m)}")
     task = Task.of(kind, obj, axis, hand.reach_m)
     grasps = screened.propose(Tasks.repeat(task, 12), np.random.default_rng(0))
     outcomes = run_trials(grasps, "paper")
+    # Keep those that held: grasps[outcomes.held].
     print(f"  {kind}: {outcomes.held.sum()} of {len(grasps)} held, {outcomes.faithful(grasps).sum()} type-faithful")

@@ -16,7 +16,7 @@ hand = load_hand(sys.argv[1] if len(sys.argv) > 1 else "shadow")
 grasp = GraspSampler.pretrained().sample("tripod", "cylinder_medium", "x", n=1, seed=1)
 (obj,) = grasp.tasks.objects.values()
 X_world_object = Pose.of([0.0, 0.0, POST_M + obj.extents_m[2] / 2], [1.0, 0.0, 0.0, 0.0])
-# Where the palm must be tells where the hand's base must be, the wrist straight.
+# The hand's base follows from the palm's place, the wrist being straight.
 X_world_base = grasp.hand_pose(X_world_object) @ hand.X_base_hand.inverse()
 position, quat = X_world_base.position_m[0], X_world_base.quat_wxyz[0]
 

@@ -1,8 +1,8 @@
 """Every example runs as a newcomer would run it, and says in its first line what it shows."""
 
 import ast
+import importlib.util
 import os
-import re
 import runpy
 import sys
 from pathlib import Path
@@ -13,7 +13,6 @@ from hand_files import write_hand
 
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
-DOCS = FOLDER.parent / "docs"
 
 
 def test_the_examples_are_numbered_from_one() -> None:
@@ -59,9 +58,11 @@ def test_the_lifting_example_takes_another_model_of_the_hand(
     assert said.endswith(", lifted\n")
 
 
-@pytest.mark.parametrize("page", ["quickstart.md", "protocol.md"])
-def test_the_python_of_a_page_runs(page: str) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
-    assert blocks
-    for number, block in enumerate(blocks):
-        exec(compile(block, f"{page} block {number}", "exec"), {})
+@pytest.mark.parametrize("number", ["04", "05"])
+def test_an_example_that_trains_says_in_one_line_what_is_missing(number: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    (path,) = (path for path in EXAMPLES if path.name.startswith(number))
+    assert "train extra" in path.read_text().splitlines()[0]
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(SystemExit, match=r"^.*\.\[train\]'$") as stopped:
+        runpy.run_path(str(path), run_name="__main__")
+    assert "\n" not in str(stopped.value)

@@ -318,7 +318,7 @@ def _met(aim: Aim, figure: Figure) -> str:
     if not reaches(figure.value):
         return "**no**"
     whole = all(reaches(end) for end in (figure.low, figure.high) if end is not None)
-    return "yes" if whole else "yes, though not over the whole range"
+    return "yes" if whole else "yes, but for the worse end"
 
 
 def _span(figure: Figure, unit: str) -> str:

@@ -389,7 +389,7 @@ def test_aims_are_judged_by_the_figures_that_they_name(tmp_path: Path) -> None:
     write_json(tmp_path / "verdict_agreement.json", {"comparisons": compared})
     result = words()
     assert result["collection, gain"] == ["at least 3", "2.94", "2.9, 3.1", "**no**"]
-    assert result["collection, trials a second"][2:] == ["74, 76", "yes, though not over the whole range"]
+    assert result["collection, trials a second"][2:] == ["74, 76", "yes, but for the worse end"]
     assert result["training of a cascade"][1:] == ["128.7 s, extrapolated", "—", "yes"]
     assert result["`graspcascade sample`, cold"] == ["at most 0.7 s", "0.38 s", "0.3, 0.4", "yes"]
     assert result["peak memory of the largest collection"] == ["at most 2000 MB", "2001 MB", "—", "**no**"]

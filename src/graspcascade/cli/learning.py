@@ -8,8 +8,10 @@ from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from tyro.conf import arg
 
 from ..core.errors import InputError
 from ..core.files import write_folder_staged
@@ -37,8 +39,8 @@ _WORST_JOINTS = 3
 class Seeds:
     """Make labelled seed postures and print how human they are."""
 
-    spec: SeedSpec = field(default_factory=SeedSpec)
-    """Inverse kinematics."""
+    spec: Annotated[SeedSpec, arg(name="inverse kinematics")] = field(default_factory=SeedSpec)
+    """What the search for seed postures aims at; an error as large as its tolerance counts the same in every aim."""
     hand: HandName = "shadow"
     out: Path | None = None
     """File to write, .csv, as `graspcascade prior --postures` reads it."""
@@ -79,7 +81,7 @@ class Prior:
     out: Path = Path("prior.safetensors")
     """File to write, .safetensors."""
     training: TrainingSpec = PRIOR_TRAINING
-    """Training loop."""
+    """The training loop."""
     json: Json = False
 
     def run(self) -> None:
@@ -132,8 +134,8 @@ class Collect:
 
     out: Path
     """Folder of the dataset."""
-    spec: CollectionSpec = field(default_factory=CollectionSpec)
-    """How much."""
+    spec: Annotated[CollectionSpec, arg(name="size")] = field(default_factory=CollectionSpec)
+    """How much to collect. A cell is a pair of object and grasp type; there are 54."""
     hand: HandName = "shadow"
     prior: PriorFile = None
     full: Flag = False
@@ -224,7 +226,7 @@ class Train:
     factorization: str = "model3"
     """Which stages: model1, model2, model3, plain_rotation or variant2 to variant7 of the paper, or model3_any_size."""
     hand: HandName = "shadow"
-    training: CascadeTraining = field(default_factory=CascadeTraining)
+    training: Annotated[CascadeTraining, arg(name="")] = field(default_factory=CascadeTraining)
     """What to learn from and how long."""
     workers: int = 0
     """Processes to train stages side by side in, 0 for as many as processors; the weights are the same."""

@@ -40,7 +40,7 @@ class Grasps:
     Raises:
         InputError: a column has another length than the tasks, or its width does not fit `joint_names` or a pose.
 
-    Example:
+    Examples:
         >>> from graspcascade import GraspSampler, Pose
         >>> grasps = GraspSampler.pretrained().sample("tripod", "box_medium", "x", n=3)
         >>> grasps

@@ -198,7 +198,7 @@ class GraspObject:
     Raises:
         InputError: an extent outside `SIZES_M` or a density that is not positive.
 
-    Example:
+    Examples:
         >>> marker = as_object("cylinder:18x120mm")
         >>> marker.name, round(marker.mass_kg, 4), marker.sides_m
         ('cylinder:18x120mm', 0.0183, {'x': 0.018, 'z': 0.12})

@@ -297,7 +297,7 @@ class Protocol(_Numbers):
     Raises:
         InputError: a number out of range, or no closing phase first, or nothing after it.
 
-    Example:
+    Examples:
         >>> harder = PAPER.with_physics("paper, friction 0.5", friction=0.5)
         >>> [phase.kind for phase in harder.phases], harder.physics.friction
         (['close', 'shake', 'carry'], 0.5)

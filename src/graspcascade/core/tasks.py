@@ -22,7 +22,7 @@ _MOST_ROWS = 10**9
 class Task:
     """What is to be grasped, how, and at which site of the object.
 
-    Example:
+    Examples:
         >>> task = Task.of("tripod", "box:32x41x60mm", "x")
         >>> task.grasp_type.feix_number, task.site.width_m
         (14, 0.032)
@@ -56,7 +56,7 @@ def _names(value: Callable[[Task], str]) -> cached_property[NDArray[np.str_]]:
 class Tasks:
     """A batch of n tasks: a short table of distinct ones, and for each row its place ``(n,)`` in the table.
 
-    Example:
+    Examples:
         >>> tasks = Tasks.of([Task.of("tripod", "sphere:40mm", "x")] * 2 + [Task.of("tip_pinch", "box_small", "y")])
         >>> len(tasks), len(tasks.table), tasks.side_m.tolist()
         (3, 2, [0.04, 0.04, 0.03])

@@ -104,7 +104,7 @@ def run_trials(
     Raises:
         InputError: an unknown name, or the grasps' joints are not the hand's.
 
-    Example:
+    Examples:
         >>> from graspcascade import GraspSampler, run_trials
         >>> grasps = GraspSampler.pretrained().sample("tripod", "box_medium", "x", n=2)
         >>> outcomes = run_trials(grasps, "paper")

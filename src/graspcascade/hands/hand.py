@@ -125,7 +125,7 @@ class Hand:
         reach_m: widest side of an object that the opposing digits reach round, metres.
         source: digest of the files it was read from, empty for a hand that came with a trained model.
 
-    Example:
+    Examples:
         >>> from graspcascade import load_hand
         >>> hand = load_hand("shadow")
         >>> hand

@@ -44,7 +44,7 @@ class Heuristic(Proposal):
     Raises:
         InputError: the prior is of other joints than the hand.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from graspcascade import Task, Tasks, load_hand
         >>> from graspcascade.proposals.prior import PosturePrior

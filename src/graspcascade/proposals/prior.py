@@ -30,7 +30,7 @@ class PosturePrior:
         decoder: the trained decoder.
         metadata: what it was trained on and how.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> prior = PosturePrior.pretrained()
         >>> prior

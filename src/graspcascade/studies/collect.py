@@ -41,7 +41,7 @@ class CollectionSpec:
     Raises:
         InputError: a number is negative, a round is empty or nothing is asked for.
 
-    Example:
+    Examples:
         >>> CollectionSpec(trials_per_cell=0, successes_per_cell=50, most_trials_per_cell=1000).round_per_cell
         200
     """

@@ -84,7 +84,7 @@ class Dataset:
         metadata: schema version, protocol, hand, objects, seed, counts, versions, checksums.
         conditions: those of each trial, None where all are as in the protocol's physics.
 
-    Example:
+    Examples:
         >>> from tempfile import TemporaryDirectory
         >>> from graspcascade import as_object, as_type, load_hand
         >>> from graspcascade.proposals.heuristic import Heuristic

@@ -81,7 +81,7 @@ def evaluate(
             folder that holds an evaluation with other arguments or that another process is writing to.
         FileFormatError: the folder holds something else.
 
-    Example:
+    Examples:
         >>> from graspcascade import GRASP_TYPES, GraspSampler, as_object
         >>> cells = [(as_object("box_medium"), GRASP_TYPES["tripod"])]
         >>> result = evaluate(GraspSampler.pretrained(), per_cell=2, seed=0, cells=cells)

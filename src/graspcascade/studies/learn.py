@@ -137,7 +137,7 @@ class CascadeTraining:
     Raises:
         InputError: an unknown name or a value out of range.
 
-    Example:
+    Examples:
         >>> CascadeTraining(learn_from="held", training=TrainingSpec(epochs=5)).most_repeats
         20
     """

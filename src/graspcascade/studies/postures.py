@@ -41,7 +41,7 @@ class LabelledPostures:
         grasp_type: ``(n,)`` type names.
         clipped: by joint, how many angles were brought to its limits; joints without any left out.
 
-    Example:
+    Examples:
         >>> from pathlib import Path
         >>> from tempfile import TemporaryDirectory
         >>> from graspcascade import load_hand

@@ -27,7 +27,7 @@ class Tally:
         ValueError: other verdicts than `outcomes.VERDICTS`, a negative count, or more faithful or steady than held
             trials.
 
-    Example:
+    Examples:
         >>> tally = Tally(dict.fromkeys(VERDICTS, 0) | {"held": 18, "dropped": 2}, faithful=9)
         >>> tally.n, tally.held_rate.rate, tally.faithful_of_held.rate
         (20, 0.9, 0.5)
@@ -120,7 +120,7 @@ class Evaluation:
         versions: versions that the numbers depend on.
         model_metadata: what the caller says of the model.
 
-    Example:
+    Examples:
         >>> from graspcascade import GraspSampler, as_object, as_type
         >>> from graspcascade.studies.evaluate import evaluate
         >>> cell = (as_object("box_small"), as_type("tripod"))

@@ -36,7 +36,7 @@ class SeedSpec:
     Raises:
         InputError: a value out of range.
 
-    Example:
+    Examples:
         >>> from graspcascade import load_hand
         >>> make_seeds(load_hand("shadow"), SeedSpec(per_type=1)).grasp_type.tolist()[:2]
         ['tripod', 'palmar_pinch']
@@ -49,8 +49,8 @@ class SeedSpec:
     aperture_max_m: float = 0.065
     """Largest distance between the opposing places."""
     aperture_skew: float = 1.2
-    """Apertures are spread as the smallest plus the range times u to this power, u even on 0 to 1: a posture that
-    closes far inside the object grips it, one that stays wider than the object cannot."""
+    """1 spreads the distances evenly from smallest to largest, more makes small ones more frequent: fingers that
+    would meet inside the object grip it, fingers that stay farther apart than it is wide do not touch it."""
     aperture_tolerance_m: float = 0.0005
     """Deviation from the drawn aperture that counts one."""
     support_plane_tolerance_m: float = 0.001

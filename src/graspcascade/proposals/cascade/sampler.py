@@ -61,7 +61,7 @@ class GraspSampler(Proposal):
     Raises:
         InputError: an unknown size mode.
 
-    Example:
+    Examples:
         >>> sampler = GraspSampler.pretrained()
         >>> sampler
         <GraspSampler model3 for shadow_hand_right>

@@ -43,7 +43,7 @@ class SizeRule:
         grasp_offsets_m: the 5 to 95 % quantiles of grasp size minus side among successes.
         object_offset_m: median of object size minus side among successes.
 
-    Example:
+    Examples:
         >>> from graspcascade import Task, Tasks, as_object, as_type
         >>> rule = SizeRule({"tripod": -0.01}, {"tripod": [-0.02] * 19}, {"tripod": 0.008})
         >>> tasks = Tasks.of([Task.of(as_type("tripod"), as_object("box_medium"), "x")])

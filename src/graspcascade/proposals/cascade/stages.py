@@ -36,7 +36,7 @@ class Stage:
     Raises:
         InputError: an unknown target, quantity or rotation head.
 
-    Example:
+    Examples:
         >>> Stage("rotation", ("rotation",), ("position", "posture", "grasp_type"), rotation_head="vmf_mixture").hidden
         (256, 256)
     """
@@ -75,7 +75,7 @@ class Factorization:
     Raises:
         InputError: an unknown frame or object code.
 
-    Example:
+    Examples:
         >>> [stage.name for stage in FACTORIZATIONS["model3_any_size"].stages]
         ['posture', 'position', 'rotation']
     """
