@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from tyro.conf import Positional, arg
@@ -15,15 +16,43 @@ from ..core.grasps import Grasps
 from ..core.objects import as_object
 from ..core.outcomes import Outcomes
 from ..core.taxonomy import as_type
-from ..formats import FORMATS_BY_NAME, Assumptions, ExportOptions, check_target, load_document, save_grasps
-from ..formats.registry import format_to_write
+from ..formats import (
+    FORMATS_BY_NAME,
+    Assumptions,
+    ExportOptions,
+    GraspDocument,
+    check_target,
+    held_rates,
+    load_document,
+    save_grasps,
+)
+from ..formats.registry import format_to_read, format_to_write
 from ..hands import Hand, load_hand
 from . import console
 from .console import HandName, Json, PoseNumbers, Trust
 
+if TYPE_CHECKING:
+    from ..studies.record import Evaluation
+
 _FORMAT_HELP = "Format to write; by default the suffix of --out says. One of " + "; ".join(
     f"{name} ({known.description})" for name, known in FORMATS_BY_NAME.items()
 )
+
+
+_YAML = ("isaac_grasp", "moveit_grasp")
+_READ: Mapping[str, tuple[str, ...]] = {
+    "joint_numbering": _YAML,
+    **dict.fromkeys(("grasp_type", "object", "side_axis"), (*_YAML, "dexgraspbench", "dexgraspnet")),
+}
+"""Options that say something only of files read in some formats, and of these."""
+_WRITTEN: Mapping[str, tuple[str, ...]] = {
+    "frame_id": ("moveit_grasp",),
+    "parent_link": ("moveit_grasp",),
+    "frame_keys": ("isaac_grasp",),
+    "object_root": ("dexgraspbench",),
+    **dict.fromkeys(("joint_prefix", "joint_numbering", "evaluation"), _YAML),
+}
+"""Likewise of files written."""
 
 
 @dataclass(frozen=True)
@@ -73,20 +102,23 @@ class Export:
     def run(self) -> None:
         """Read, then write."""
         check_target(self.out, self.format)
-        settle = format_to_write(self.out, self.format).contact if self.settle is None else self.settle
-        rates = {} if self.evaluation is None else _rates(self.evaluation)
+        written = format_to_write(self.out, self.format)
+        settle = written.contact if self.settle is None else self.settle
+        evaluation = None if self.evaluation is None else _evaluation(self.evaluation)
         hand, placed = load_hand(self.hand), console.object_pose(self.object_pose)
         kind = None if self.grasp_type is None else as_type(self.grasp_type).name
         obj = None if self.object is None else as_object(self.object)
         assume = Assumptions(kind, obj, self.side_axis, self.joint_numbering, hand)
+        self._check_served(format_to_read(self.grasps, self.from_format).name, written.name)
         document = load_document(self.grasps, self.from_format, trust_pickle=self.trust_pickle, assume=assume)
         grasps = document.grasps
         if not len(grasps):
             raise InputError(f"{self.grasps} holds no grasps")
-        for note in document.notes:
+        others = [] if evaluation is None else _other_origin(evaluation, document)
+        for note in (*document.notes, *others):
             print(f"graspcascade export: {note}", file=sys.stderr)
         options = ExportOptions(
-            held_rates=rates,
+            held_rates={} if evaluation is None else held_rates(evaluation),
             outcomes=_settle(grasps, hand) if settle else None,
             contact="settled" if settle else "target",
             frame_id=self.frame_id,
@@ -111,14 +143,33 @@ class Export:
         if unknown and self.format in ("isaac_grasp", "moveit_grasp"):
             print(f"{unknown} of them have no measured confidence and say 0: --evaluation FILE.json gives it")
 
+    def _check_served(self, read: str, written: str) -> None:
+        for option in fields(self):
+            served = {*_READ.get(option.name, ()), *_WRITTEN.get(option.name, ())}
+            if not served or getattr(self, option.name) == option.default:
+                continue
+            if read not in _READ.get(option.name, ()) and written not in _WRITTEN.get(option.name, ()):
+                name = "--" + option.name.replace("_", "-")
+                way = f"from {read} to {written}" if option.name in _READ else f"to {written}"
+                raise InputError(f"{name} says nothing of an export {way}; it is for {', '.join(sorted(served))}")
 
-def _rates(path: Path) -> dict[tuple[str, str], float]:
+
+def _other_origin(evaluation: Evaluation, document: GraspDocument) -> list[str]:
+    grasps = {"hand": document.grasps.hand, "model": document.metadata.get("model")}
+    pairs = [(key, getattr(evaluation, key), own) for key, own in grasps.items()]
+    return [
+        f"the evaluation is of {key} {rated}, the grasps are of {own}"
+        for key, rated, own in pairs
+        if own not in (None, rated)
+    ]
+
+
+def _evaluation(path: Path) -> Evaluation:
     # Evaluations load the physics engine.
-    from ..formats import held_rates
     from ..studies.record import Evaluation
 
     try:
-        return held_rates(Evaluation.load(path))
+        return Evaluation.load(path)
     except FileFormatError as error:
         raise FileFormatError(f"{error} (--evaluation takes what `graspcascade evaluate --json` prints)") from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -79,6 +80,8 @@ class View:
         if self.file is None:
             return Start(proposal, hand, request, protocol, sample_batch(proposal, hand, request))
         batch = file_batch(self.file, hand, self.trust_pickle)
+        for note in batch.notes:
+            print(f"graspcascade view: {note}", file=sys.stderr)
         return Start(proposal, hand, request, protocol, batch, f"{len(batch.grasps)} grasps of {self.file.name}")
 
     def _serve(self, start: Start) -> None:

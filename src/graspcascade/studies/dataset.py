@@ -221,7 +221,7 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     read = read_json(path)
     metadata: dict[str, Any] = read if isinstance(read, dict) else {}
     if (version := metadata.get("schema_version", SCHEMA_VERSION)) != SCHEMA_VERSION:
-        raise FileFormatError(f"{path} has schema version {version}; this version reads {SCHEMA_VERSION}")
+        raise FileFormatError(f"{path} has schema version {version!r}; this version reads {SCHEMA_VERSION}")
     keys = ("schema_version", "joint_names", "pregrasp_rad", "shards")
     if missing := [key for key in keys if key not in metadata]:
         raise FileFormatError(f"{path} is not readable dataset metadata: it lacks {', '.join(missing)}")
