@@ -360,11 +360,11 @@ def test_a_file_of_another_hand_is_told_and_one_of_a_left_hand_is_refused(
 ) -> None:
     stored["hand"] = "allegro"
     assert load_executable(_written(stored, tmp_path), hand).notes == (
-        "the grasps are of hand allegro, not of shadow_hand_right",
+        "the grasps are of hand 'allegro', not of 'shadow_hand_right'",
     )
     for name in ("shadow_hand_left", "lh_shadow", "L_hand"):
         stored["hand"] = name
-        with pytest.raises(FileFormatError, match=f"of hand '{name}', which shadow_hand_right mirrors"):
+        with pytest.raises(FileFormatError, match=f"of hand '{name}', which is not of the side of shadow_hand_right"):
             load_executable(_written(stored, tmp_path), hand)
 
 

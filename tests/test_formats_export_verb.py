@@ -205,9 +205,9 @@ def test_names_in_the_file_are_a_choice(
         (["--out", "x.json", "--object", "box_small"], "--object says nothing"),
         (
             ["--out", "x.json", "--joint-prefix", "rh_"],
-            "--joint-prefix says nothing of an export to json; it is for isaac",
+            "--joint-prefix says nothing of an export from json to json; it",
         ),
-        (["--out", "x.parquet", "--frame-id", ""], "--frame-id says nothing of an export to parquet; it is for moveit"),
+        (["--out", "x.parquet", "--frame-id", ""], "--frame-id says nothing of an export from json to parquet; it"),
         (["--out", "x", "--format", "isaac_grasp", "--frame-id", "map"], "--frame-id says nothing"),
     ],
 )

@@ -388,7 +388,7 @@ def test_a_dexgraspnet_file_is_whole_and_in_radians(grasps: Grasps, tmp_path: Pa
     path = save(tmp_path, "dexgraspnet", grasps)
     rows, word = np.load(path, allow_pickle=True), "it has 2 of the 3 grasps that were written"
     if change == "angle":
-        rows[0]["qpos"]["WRJRx"], word = 57.3, "WRJR has an angle of 57.3.*look like degrees"
+        rows[0]["qpos"]["WRJRx"], word = 57.3, "WRJR has an angle of 57.3.*looks like degrees"
     np.save(path, rows[:2] if change == "rows" else rows, allow_pickle=True)
     with pytest.raises(FileFormatError, match=word):
         load_grasps(path, trust_pickle=True)

@@ -145,23 +145,17 @@ class Export:
 
     def _check_served(self, read: str, written: str) -> None:
         for option in fields(self):
-            served = {*_READ.get(option.name, ()), *_WRITTEN.get(option.name, ())}
-            if not served or getattr(self, option.name) == option.default:
-                continue
-            if read not in _READ.get(option.name, ()) and written not in _WRITTEN.get(option.name, ()):
-                name = "--" + option.name.replace("_", "-")
-                way = f"from {read} to {written}" if option.name in _READ else f"to {written}"
-                raise InputError(f"{name} says nothing of an export {way}; it is for {', '.join(sorted(served))}")
+            reads, writes = _READ.get(option.name, ()), _WRITTEN.get(option.name, ())
+            unused = (reads or writes) and read not in reads and written not in writes
+            if unused and getattr(self, option.name) != option.default:
+                name, of = option.name.replace("_", "-"), ", ".join(sorted({*reads, *writes}))
+                raise InputError(f"--{name} says nothing of an export from {read} to {written}; it is for {of}")
 
 
 def _other_origin(evaluation: Evaluation, document: GraspDocument) -> list[str]:
-    grasps = {"hand": document.grasps.hand, "model": document.metadata.get("model")}
-    pairs = [(key, getattr(evaluation, key), own) for key, own in grasps.items()]
-    return [
-        f"the evaluation is of {key} {rated}, the grasps are of {own}"
-        for key, rated, own in pairs
-        if own not in (None, rated)
-    ]
+    pairs = {"hand": document.grasps.hand, "model": document.metadata.get("model")}.items()
+    other = [(key, getattr(evaluation, key), own) for key, own in pairs if own not in (None, getattr(evaluation, key))]
+    return [f"the evaluation is of {key} {rated}, the grasps are of {own}" for key, rated, own in other]
 
 
 def _evaluation(path: Path) -> Evaluation:

@@ -125,8 +125,8 @@ def _bench_grasps(row: Mapping[str, Any]) -> Iterator[ForeignGrasp]:
     scale, contact = foreign.scale_of(row.get("obj_scale", 1.0), "obj_scale"), mapping(notes.get("contact"))
     world = doc.pose_to_json(doc.world_pose(head) or _NOWHERE)
     for i, (opened, base, target) in enumerate(zip(*(states[state] for state in STATES), strict=True)):
-        path, obj = str(paths[i % len(paths)]).rstrip("/"), placed[i % len(placed)]
-        name = re.sub(r"(/mesh)?/[^/]+\.obj$", "", path).rsplit("/", 1)[-1]
+        path, obj = paths[i % len(paths)], placed[i % len(placed)]
+        name = None if path is None else re.sub(r"(/mesh)?/[^/]+\.obj$", "", str(path).rstrip("/")).rsplit("/", 1)[-1]
         X_world_hand = pose_of(base[:3], base[3:7], "hand base") @ X_hand_base.inverse()
         X_world_object = pose_of(obj[:3], obj[3:], "obj_pose")
         X_hand_object = X_world_hand.inverse() @ X_world_object
@@ -250,10 +250,9 @@ def _net_grasp(row: Mapping[str, Any], object_name: str) -> ForeignGrasp:
     from scipy.spatial.transform import Rotation  # only this format needs scipy for reading
 
     point, turn = ([number(qpos.get(name), name) for name in names] for names in (TRANSLATION, ROTATION))
-    if max(map(abs, turn)) > 2 * np.pi:
-        raise FileFormatError(
-            f"WRJR has an angle of {max(turn, key=abs):g}, but angles are radians; these look like degrees"
-        )
+    far = max(turn, key=abs)
+    if abs(far) > 2 * np.pi:
+        raise FileFormatError(f"WRJR has an angle of {far:g}, but angles are radians; this looks like degrees")
     X_hand_object = Pose(np.array(point), as_quat(Rotation.from_euler("xyz", turn))).inverse()
     angles = foreign.pick_joints(qpos, JOINTS, "qpos", numbering=0)
     posture = {name: -angle if name in REVERSED else angle for name, angle in angles.items()}

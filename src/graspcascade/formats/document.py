@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import hands  # not its functions: those load what reads hand files, which sampling does not need
-from ..core.errors import FileFormatError, InputError, check_name, shortened, unknown
+from ..core.errors import FileFormatError, InputError, check_name, shortened
 from ..core.grasps import Grasps
 from ..core.objects import AXES, CATALOGUE, GraspObject
 from ..core.outcomes import Outcomes
@@ -170,7 +170,7 @@ def check_choice(name: str, given: object) -> None:
     """Check one of the options that have few values."""
     choices = _CHOICES[name]
     if type(given) is not type(choices[0]) or given not in choices:
-        raise unknown(name, given, map(str, choices))
+        raise InputError(f"unknown {name} {shown(given)}. Valid: {', '.join(map(repr, choices))}.")
 
 
 def held_rates(evaluation: Evaluation) -> dict[tuple[str, str], float]:
@@ -243,7 +243,9 @@ def _named_hand(head: Mapping[str, Any], given: Hand | None) -> tuple[str, Hand 
     if not isinstance(name, str):
         raise FileFormatError(f"hand is {shown(name)}, not a name")
     if given is not None and is_left(name) != is_left(given.name):
-        raise FileFormatError(f"it is of hand {shown(name)}, which {given.name} mirrors; the two cannot trade grasps")
+        raise FileFormatError(
+            f"it is of hand {shown(name)}, which is not of the side of {given.name}: left and right cannot be mixed"
+        )
     return name, hands.shipped_hand(name) if given is None else given
 
 
@@ -260,7 +262,7 @@ def to_document(
         _check_values(columns)
         notes = () if hand is None else keep_limits(columns, joint_names, hand)
         if hand is not None and hand.name != name:
-            notes = (f"the grasps are of hand {name}, not of {hand.name}", *notes)
+            notes = (f"the grasps are of hand {shown(name)}, not of {hand.name!r}", *notes)
     except InputError as error:
         raise FileFormatError(str(error)) from error
     kinds, names, axes = (columns[label] for label in LABELS)
@@ -324,7 +326,7 @@ def place(where: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise type(error)(f"{before}{error}") from error
-    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         raise FileFormatError(f"{before}damaged, or laid out in a way that is not read") from error
 
 
