@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from graspcascade import formats
 from graspcascade.core.errors import FileFormatError, InputError
+from graspcascade.core.files import read_json
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import Box, GraspObject
 from graspcascade.core.poses import Pose, canonical_quat, rotation_angle
@@ -268,7 +269,11 @@ def _change(path: list[Any], value: Any) -> Any:
     ("path", "value", "word"),
     [
         (["schema_version"], 99, "schema version 99"),
+        (["schema_version"], "1", "schema version '1'; this version reads 1"),
+        (["schema_version"], True, "schema version True"),
         (["quaternion_order"], "xyzw", "xyzw"),
+        (["units"], {"length": "millimetre", "angle": "radian"}, "units is .*millimetre.*only metre and radian"),
+        (["frames", "hand"], "forearm", "frames are other ones"),
         (["joint_names"], "FFJ4", "joint_names"),
         (["joint_names"], ["FFJ4", "FFJ4"], "twice"),
         (["metadata"], None, "metadata"),
@@ -284,6 +289,7 @@ def _change(path: list[Any], value: Any) -> Any:
         (["grasps", 2, "side_axis"], "q", "grasp 2: unknown side axis 'q'"),
         (["grasps", 2, "side_axis"], 1, "grasp 2: side_axis is 1, not a name"),
         (["hand"], 5, "hand is 5, not a name"),
+        (["X_world_object"], [1, 2], "X_world_object is damaged .not position_m and quat_wxyz of a pose"),
         (["objects", "box_small", "extents_m"], [0.02, 0.03], "three extents"),
         (["objects", "box_small", "shape"], "cone", "unknown shape 'cone'"),
         (["grasps", 2, "side_m"], -0.03, "grasp 2: side_m"),
@@ -309,6 +315,57 @@ def test_a_document_with_a_fault_is_refused_with_its_place(
     with pytest.raises(FileFormatError, match=word) as caught:
         load_grasps(tmp_path / "spoilt.json")
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_key_that_stands_twice_is_refused(stored: dict[str, Any], tmp_path: Path) -> None:
+    text = json.dumps(stored)
+    for path in (tmp_path / "twice.json", tmp_path / "metadata.json"):
+        path.write_text(text.replace('"side_m": ', '"side_m": 1, "side_m": ', 1))
+        with pytest.raises(FileFormatError, match="the key 'side_m' twice"):
+            load_grasps(path)
+        with pytest.raises(FileFormatError, match="the key 'side_m' twice"):
+            read_json(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (
+            lambda columns: columns | {"posture_THJ4": ["0.1"] * 4},
+            "column 'posture_THJ4' is of type string, not of num",
+        ),
+        (lambda columns: columns | {"posture_THJ4": [True] * 4}, "column 'posture_THJ4' is of type bool"),
+        (lambda columns: columns | {"side_axis": [0] * 4}, "column 'side_axis' is of type int64, not of text"),
+        (lambda columns: {k: v for k, v in columns.items() if k != "object_qw"}, r"parquet: lacks column 'object_qw'$"),
+    ],
+)
+def test_parquet_columns_are_checked_by_name_and_type(grasps: Grasps, tmp_path: Path, change: Any, word: str) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = tmp_path / "g.parquet"
+    save_grasps(path, grasps, metadata={})
+    table = pq.read_table(path)
+    columns = change({name: table[name] for name in table.column_names})
+    pq.write_table(pa.table(columns).replace_schema_metadata(table.schema.metadata), path)
+    with pytest.raises(FileFormatError, match=word):
+        load_grasps(path)
+    pq.write_table(table.append_column("side_m", table["side_m"]), path)
+    with pytest.raises(FileFormatError, match="has column 'side_m' 2 times"):
+        load_grasps(path)
+
+
+def test_a_file_of_another_hand_is_told_and_one_of_a_left_hand_is_refused(
+    stored: dict[str, Any], hand: Hand, tmp_path: Path
+) -> None:
+    stored["hand"] = "allegro"
+    assert load_executable(_written(stored, tmp_path), hand).notes == (
+        "the grasps are of hand 'allegro', not of 'shadow_hand_right'",
+    )
+    for name in ("shadow_hand_left", "lh_shadow", "L_hand"):
+        stored["hand"] = name
+        with pytest.raises(FileFormatError, match=f"of hand '{name}', which is not of the side of shadow_hand_right"):
+            load_executable(_written(stored, tmp_path), hand)
 
 
 def test_a_quaternion_with_negative_w_is_read_as_the_same_rotation(
@@ -372,6 +429,14 @@ def test_an_executable_file_has_grasps_with_all_joints_of_the_hand(grasps: Grasp
     )
     save_grasps(tmp_path / "g.json", fewer, metadata={})
     with pytest.raises(InputError, match=r"g\.json lacks joints of shadow_hand_right: FFJ4"):
+        load_executable(tmp_path / "g.json", hand)
+    wrist = replace(
+        grasps,
+        joint_names=(*grasps.joint_names[1:], "FFJ4", "WRJ1"),
+        **{name: np.pad(getattr(grasps, name), ((0, 0), (0, 1))) for name in ("posture", "pregrasp")},
+    )
+    save_grasps(tmp_path / "g.json", wrist, metadata={})
+    with pytest.raises(InputError, match=r"has joints that shadow_hand_right lacks: WRJ1"):
         load_executable(tmp_path / "g.json", hand)
     save_grasps(tmp_path / "g.json", grasps[[]], metadata={})
     with pytest.raises(InputError, match="holds no grasps"):
@@ -443,6 +508,8 @@ def _written(stored: dict[str, Any], folder: Path) -> Path:
         ({"X_hand_object": Pose(np.zeros((4, 3)), np.tile([2.0, 0, 0, 0], (4, 1)))}, "norm 1, got norm 2"),
         ({"posture": np.full((4, 22), 30.0)}, "degrees"),
         ({"probability": np.full(4, 1.5)}, "probability is above 1"),
+        ({"hand": None}, "hand is None, not a name"),
+        ({"joint_names": ("FFJ4",) * 22}, "names a joint twice|lack joints"),
         ({"grasp_size_m": np.full(4, np.inf)}, "grasp_size_m"),
     ],
 )
@@ -455,6 +522,12 @@ def test_values_that_no_reader_takes_are_not_written(
         with pytest.raises(InputError, match=word):
             save_grasps(path, one, metadata={}, format=name, options=ExportOptions(contact="target"))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_postures_beyond_most_limits_are_not_written_for_a_hand(grasps: Grasps, hand: Hand, tmp_path: Path) -> None:
+    far = replace(grasps, posture=np.full_like(grasps.posture, 3.0))
+    with pytest.raises(InputError, match="far beyond the limits of shadow_hand_right"):
+        save_grasps(tmp_path / "g.json", far, metadata={}, options=ExportOptions(hand=hand))
 
 
 def test_a_place_that_is_nowhere_in_the_world_is_not_written(grasps: Grasps, tmp_path: Path) -> None:

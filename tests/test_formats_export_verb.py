@@ -95,6 +95,10 @@ def test_an_evaluation_gives_the_confidence(export: Export, saved: Path, tmp_pat
     said = export(*arguments, "--out", tmp_path / "known.yaml", "--evaluation", tmp_path / "evaluation.json")
     assert said.status == 0
     assert "--evaluation" not in said.out
+    assert [line.split(": ")[1] for line in said.err.splitlines()] == [
+        "the evaluation is of hand h, the grasps are of shadow_hand_right",
+        "the evaluation is of model m, the grasps are of by hand",
+    ]
     rows = yaml.safe_load((tmp_path / "known.yaml").read_text())["grasps"]
     assert [row["grasp_quality"] for row in rows] == [0.75] * 3
     assert rows[0]["grasp_posture"]["joint_names"][0] == "rh_WRJ2"
@@ -196,6 +200,15 @@ def test_names_in_the_file_are_a_choice(
         (["--out", "x.json", "--hand", "barrett"], "unknown hand 'barrett'"),
         (["--out", "x.json", "--object-pose", "400", "0", "100", "1", "0", "0", "0"], "were millimetres meant?"),
         (["--out", "x.json", "--joint-numbering", "2"], "--joint-numbering"),
+        (["--out", "x.json", "--side-axis", "Q"], "unknown side axis 'Q'"),
+        (["--out", "x.json", "--side-axis", "x"], "--side-axis says nothing of an export from json to json"),
+        (["--out", "x.json", "--object", "box_small"], "--object says nothing"),
+        (
+            ["--out", "x.json", "--joint-prefix", "rh_"],
+            "--joint-prefix says nothing of an export from json to json; it",
+        ),
+        (["--out", "x.parquet", "--frame-id", ""], "--frame-id says nothing of an export from json to parquet; it"),
+        (["--out", "x", "--format", "isaac_grasp", "--frame-id", "map"], "--frame-id says nothing"),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(

@@ -297,6 +297,122 @@ def test_joint_names_without_numbers_cannot_be_numbered_from_zero(grasps: Grasps
         save(tmp_path, "isaac_grasp", other, ExportOptions(hand=named, joint_numbering=0))
 
 
+@every_yaml
+@pytest.mark.parametrize(("prefix", "word"), [("lh_", "left hand"), ("robot/not", "only poses of")])
+def test_only_the_right_hands_own_link_is_taken(
+    grasps: Grasps, tmp_path: Path, name: str, prefix: str, word: str
+) -> None:
+    key = {"isaac_grasp": "gripper_frame", "moveit_grasp": "parent_link"}[name]
+    path = edit(save(tmp_path, name, grasps), lambda data: data.update({key: prefix + data[key]}))
+    with pytest.raises(FileFormatError, match=rf"{key} is .*{word}"):
+        load_grasps(path)
+
+
+@pytest.mark.parametrize("numbering", [7, "0", [1], True])
+def test_a_joint_numbering_is_0_or_1(grasps: Grasps, tmp_path: Path, numbering: Any) -> None:
+    path = save(tmp_path, "isaac_grasp", grasps)
+    edit(path, lambda data: data["graspcascade"].update(joint_numbering=numbering))
+    for use in (lambda: load_grasps(path), lambda: Assumptions(joint_numbering=numbering)):
+        with pytest.raises(InputError, match=r"unknown joint_numbering .*Valid: 0, 1"):
+            use()
+
+
+@every_foreign
+def test_joints_that_the_hand_lacks_are_not_lost(grasps: Grasps, tmp_path: Path, name: str) -> None:
+    wider = {what: np.pad(getattr(grasps, what), ((0, 0), (0, 1))) for what in ("posture", "pregrasp")}
+    with pytest.raises(InputError, match="have joints that shadow_hand_right lacks: ARM1; only native files"):
+        save(tmp_path, name, replace(grasps, joint_names=(*grasps.joint_names, "ARM1"), **wider))
+
+
+# -- exports changed since, or mixed
+
+
+@every_pickled
+@pytest.mark.parametrize("settled", [False, True])
+def test_numbers_changed_by_another_tool_count_and_are_told(
+    drawn: Grasps, outcomes: Outcomes, tmp_path: Path, name: str, settled: bool
+) -> None:
+    rows = np.flatnonzero((drawn.object_name == "box_medium") & outcomes.held)[:1]
+    path = save(tmp_path, name, drawn[rows], ExportOptions(outcomes=outcomes[rows]) if settled else TARGET)
+    before = load_grasps(path, trust_pickle=True)
+    if name == "dexgraspbench":
+        (row,) = bench_rows(path)
+        for state in ("pregrasp_qpos", "grasp_qpos", "squeeze_qpos"):
+            row[state][0] += 0.01
+        path = save_row(tmp_path / "changed.npy", row)
+    else:
+        (row,) = np.load(path, allow_pickle=True)
+        row["qpos"]["WRJTx"] += 0.01
+        np.save(path, np.array([row], dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match="it was changed since it was written; say which type"):
+        load_grasps(path, trust_pickle=True)
+    document = load_document(path, trust_pickle=True, assume=Assumptions("tripod"))
+    assert (
+        document.notes[-1] == "1 grasps were changed since they were written, and are read as those of a foreign file"
+    )
+    moved = document.grasps.X_hand_object.position_m - before.X_hand_object.position_m
+    assert np.abs(moved).max() > 0.005
+
+
+def test_another_object_frame_over_our_notes_counts(grasps: Grasps, tmp_path: Path) -> None:
+    path = edit(save(tmp_path, "isaac_grasp", grasps), lambda data: data.update(object_frame="/World/sphere_small"))
+    document = load_document(path, assume=Assumptions("tripod"))
+    assert set(document.grasps.object_name) == {"sphere_small"}
+    assert "3 grasps were changed since" in document.notes[-1]
+
+
+def test_files_of_two_exports_are_not_mixed(drawn: Grasps, tmp_path: Path) -> None:
+    (tmp_path / "mixed").mkdir()
+    for i, name in enumerate(("box_small", "box_medium")):
+        one = drawn[drawn.object_name == name][:2]
+        save_grasps(tmp_path / "mixed" / f"{name}.yaml", one, metadata={}, format="isaac_grasp")
+        save_grasps(tmp_path / f"{i}.yaml", one, metadata={"model": name}, format="isaac_grasp")
+    with pytest.raises(FileFormatError, match="two of its grasps have the same number"):
+        load_grasps(tmp_path / "mixed")
+    for file in list(tmp_path.glob("*.yaml")):
+        file.rename(tmp_path / "mixed" / file.name)
+    with pytest.raises(FileFormatError, match="its files differ in metadata"):
+        load_grasps(tmp_path / "mixed")
+
+
+def test_a_copy_of_a_bench_file_is_refused(grasps: Grasps, tmp_path: Path) -> None:
+    path = save(tmp_path, "dexgraspbench", grasps)
+    file = next(path.rglob("000001.npy"))
+    file.with_name("000009.npy").write_bytes(file.read_bytes())
+    with pytest.raises(FileFormatError, match="have the same number"):
+        load_grasps(path, trust_pickle=True)
+
+
+@pytest.mark.parametrize("change", ["rows", "angle"])
+def test_a_dexgraspnet_file_is_whole_and_in_radians(grasps: Grasps, tmp_path: Path, change: str) -> None:
+    path = save(tmp_path, "dexgraspnet", grasps)
+    rows, word = np.load(path, allow_pickle=True), "it has 2 of the 3 grasps that were written"
+    if change == "angle":
+        rows[0]["qpos"]["WRJRx"], word = 57.3, "WRJR has an angle of 57.3.*looks like degrees"
+    np.save(path, rows[:2] if change == "rows" else rows, allow_pickle=True)
+    with pytest.raises(FileFormatError, match=word):
+        load_grasps(path, trust_pickle=True)
+
+
+@pytest.mark.parametrize("name", ["dexgraspbench", "dexgraspnet", "isaac_grasp"])
+def test_a_folder_of_no_grasps_is_not_written(grasps: Grasps, tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=f"a {name} folder of no grasps"):
+        save_grasps(tmp_path / "none", grasps[[]], metadata={}, format=name, options=TARGET)
+
+
+def test_a_long_comment_hides_no_format_and_a_folder_of_another_is_named(grasps: Grasps, tmp_path: Path) -> None:
+    path = save(tmp_path, "isaac_grasp", grasps)
+    path.write_text(f"# {'x' * 5000}\n{path.read_text()}")
+    assert_same(load_grasps(path), grasps)
+    folder = save(tmp_path, "dexgraspbench", grasps)
+    for name, word in (
+        ("isaac_grasp", r"the folder holds no \.yaml files"),
+        ("moveit_grasp", "is a folder; moveit_grasp"),
+    ):
+        with pytest.raises(InputError, match=word):
+            load_grasps(folder, name)
+
+
 # -- MoveIt
 
 
@@ -496,8 +612,15 @@ def test_bodex_poses_are_of_the_palm_with_the_thumb_first(grasps: Grasps, tmp_pa
         ({"grasp_qpos": np.zeros((5, 29))}, "batched as different numbers of grasps"),
         ({"grasp_qpos": np.zeros((3, 23))}, r"grasp_qpos has 69 numbers.*batched \(n, 29\)"),
         ({"grasp_qpos": np.full((3, 29), np.nan)}, "grasp_qpos is nan"),
-        ({"obj_pose": np.zeros((2, 7))}, "obj_pose is batched as 2 poses for 3 grasps"),
-        ({"obj_pose": None}, "obj_pose"),
+        ({"obj_pose": np.zeros((2, 7))}, "obj_pose has 2 entries for 3 grasps"),
+        ({"obj_pose": None}, r"theirs\.npy: lacks obj_pose$"),
+        ({"obj_path": ["a/box_small", "a/box_medium"]}, "obj_path has 2 entries for 3 grasps"),
+        ({"obj_path": []}, "obj_path has 0 entries for 3 grasps"),
+        ({"obj_scale": np.array([1.0, 1.2, 1.4])}, "3 grasps, but an obj_scale of several numbers is of a single one"),
+        ({"graspcascade": {"grasp": {"number": 0}}}, "3 grasps, but the notes under 'graspcascade' are of a single"),
+        ({"grasp_qpos": [[1, 2], [3]]}, r"grasp_qpos is \[\[1, 2\], \[3\]\], not an array of numbers"),
+        ({"grasp_qpos": np.zeros((3, 29), dtype=complex)}, "not an array of numbers"),
+        ({"joint_names": ["WRJ2", "WRJ1", *JOINTS]}, "joint_names has 24 names for 22 angles"),
     ],
 )
 def test_a_batch_that_does_not_fit_together_is_refused(
@@ -506,6 +629,12 @@ def test_a_batch_that_does_not_fit_together_is_refused(
     with pytest.raises(FileFormatError, match=word) as caught:
         bench_grasps(tmp_path, batch(tmp_path, grasps) | change)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_each_grasp_of_a_batch_may_have_its_own_object(grasps: Grasps, tmp_path: Path) -> None:
+    names = ["box_small", "box_medium", "sphere_small"]
+    read = bench_grasps(tmp_path, batch(tmp_path, grasps, obj_path=[f"assets/{name}" for name in names]))
+    assert read.object_name.tolist() == names
 
 
 @pytest.mark.parametrize("digits", [400, 5000], ids=["that no float holds", "that Python does not write"])

@@ -68,6 +68,8 @@ def test_equal_parts_are_written_in_full(tmp_path: Path) -> None:
         ("a: [1, 2", "not a complete YAML document"),
         ("a: 1\n---\nb: 2\n", "not a complete YAML document"),
         ("a: 2001-99-99\n", "not a complete YAML document"),
+        ("a: 1\nb: 2\na: 3\n", "the key 'a' twice in one mapping"),
+        ("a: {b: 1, b: 1}\n", "the key 'b' twice in one mapping"),
         ("? [a]\n: 1\n", "not a complete YAML document"),
         (b"a: \xff\xfe\n", "not a complete YAML document"),
         (b"\x00\x01\x02", "not a complete YAML document"),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import sys
 import threading
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -20,16 +21,31 @@ from ..core.intervals import wilson
 from ..core.objects import as_object
 from ..core.poses import Pose
 from ..core.taxonomy import as_type
-from ..formats.registry import format_to_write
+from ..formats.registry import format_to_read, format_to_write
 from ..proposals.heuristic import SCREENED, SCREENING_DRAWS, cannot_touch
 from . import console
 from .console import HandName, Json, ModelName, ObjectPose, OwnHand, PoseNumbers, PriorFile, Trust, numbers
 
 if TYPE_CHECKING:
     from ..proposals import Proposal
+    from ..studies.record import Evaluation
     from ..viewer.page import Start
 
 _PICTURED = 4
+_YAML = ("isaac_grasp", "moveit_grasp")
+_READ: Mapping[str, tuple[str, ...]] = {
+    "joint_numbering": _YAML,
+    **dict.fromkeys(("grasp_type", "object", "side_axis"), (*_YAML, "dexgraspbench", "dexgraspnet")),
+}
+"""Options that say something only of files read in some formats, and of these."""
+_WRITTEN: Mapping[str, tuple[str, ...]] = {
+    "frame_id": ("moveit_grasp",),
+    "parent_link": ("moveit_grasp",),
+    "frame_keys": ("isaac_grasp",),
+    "object_root": ("dexgraspbench",),
+    **dict.fromkeys(("joint_prefix", "joint_numbering", "evaluation"), _YAML),
+}
+"""Likewise of files written."""
 _FORMAT_HELP = "Format to write; by default the suffix of --out says. One of " + "; ".join(
     f"{name} ({known.description})" for name, known in formats.FORMATS_BY_NAME.items()
 )
@@ -216,6 +232,8 @@ class View:
                 proposal = console.load_proposal(self.model, self.hand)
         console.check_exists(self.file)
         batch = file_batch(self.file, hand, self.trust_pickle)
+        for note in batch.notes:
+            print(f"graspcascade view: {note}", file=sys.stderr)
         return Start(proposal, hand, request, protocol, batch, f"{len(batch.grasps)} grasps of {self.file.name}")
 
 
@@ -266,18 +284,20 @@ class Export:
     def run(self) -> None:
         """Read, then write."""
         formats.check_target(self.out, self.format)
-        settle = format_to_write(self.out, self.format).contact if self.settle is None else self.settle
-        rates = {} if self.evaluation is None else _rates(self.evaluation)
+        written = format_to_write(self.out, self.format)
+        settle = written.contact if self.settle is None else self.settle
+        evaluation = None if self.evaluation is None else _evaluation(self.evaluation)
         hand, placed = hands.load_hand(self.hand), console.object_pose(self.object_pose)
         kind = None if self.grasp_type is None else as_type(self.grasp_type).name
         obj = None if self.object is None else as_object(self.object)
         console.check_exists(self.grasps)
         assume = formats.Assumptions(kind, obj, self.side_axis, self.joint_numbering, hand)
+        self._check_served(format_to_read(self.grasps, self.from_format).name, written.name)
         document = formats.load_document(self.grasps, self.from_format, trust_pickle=self.trust_pickle, assume=assume)
         grasps, metadata, outcomes = document.grasps, document.metadata, None
         if not len(grasps):
             raise InputError(f"{self.grasps} holds no grasps")
-        for note in document.notes:
+        for note in (*document.notes, *([] if evaluation is None else _other_origin(evaluation, document))):
             print(f"graspcascade export: {note}", file=sys.stderr)
         if settle:
             from ..engines import run_trials
@@ -285,7 +305,7 @@ class Export:
             with console.bar("trials", len(grasps)) as progress:
                 outcomes = run_trials(grasps, hand=hand, progress=progress.advance)
         options = formats.ExportOptions(
-            held_rates=rates,
+            held_rates={} if evaluation is None else formats.held_rates(evaluation),
             outcomes=outcomes,
             contact="settled" if settle else "target",
             frame_id=self.frame_id,
@@ -311,12 +331,26 @@ class Export:
         if unknown and self.format in ("isaac_grasp", "moveit_grasp"):
             print(f"{unknown} of them have no measured confidence and say 0: --evaluation FILE.json gives it")
 
+    def _check_served(self, read: str, written: str) -> None:
+        for option in fields(self):
+            reads, writes = _READ.get(option.name, ()), _WRITTEN.get(option.name, ())
+            unused = (reads or writes) and read not in reads and written not in writes
+            if unused and getattr(self, option.name) != option.default:
+                name, of = option.name.replace("_", "-"), ", ".join(sorted({*reads, *writes}))
+                raise InputError(f"--{name} says nothing of an export from {read} to {written}; it is for {of}")
 
-def _rates(path: Path) -> dict[tuple[str, str], float]:
+
+def _other_origin(evaluation: Evaluation, document: formats.GraspDocument) -> list[str]:
+    pairs = {"hand": document.grasps.hand, "model": document.metadata.get("model")}.items()
+    other = [(key, getattr(evaluation, key), own) for key, own in pairs if own not in (None, getattr(evaluation, key))]
+    return [f"the evaluation is of {key} {rated}, the grasps are of {own}" for key, rated, own in other]
+
+
+def _evaluation(path: Path) -> Evaluation:
     # Evaluations load the physics engine.
     from ..studies.record import Evaluation
 
     try:
-        return formats.held_rates(Evaluation.load(path))
+        return Evaluation.load(path)
     except FileFormatError as error:
         raise FileFormatError(f"{error} (--evaluation takes what `graspcascade evaluate --json` prints)") from error

@@ -8,11 +8,12 @@ import json
 import os
 import re
 import shutil
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from .errors import FileFormatError, InputError
+from .errors import FileFormatError, InputError, shortened
 
 LOCK_FILE = ".lock"
 """Name of the file by which `sole_writer` keeps others out of a folder."""
@@ -130,9 +131,28 @@ def holds_nothing(folder: Path) -> bool:
 def read_json(path: Path) -> Any:
     """Read a JSON file; a FileFormatError says that it is missing or not JSON."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return parse_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise FileFormatError(f"{path} is not a readable JSON file: {error}") from error
+
+
+def parse_json(text: str | bytes, *, allow_nan: bool = True) -> Any:
+    """Parse JSON; a FileFormatError says that it is not complete or has a key twice in one object."""
+
+    def refuse(name: str) -> NoReturn:
+        raise ValueError(f"{name} is not a JSON number")
+
+    def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        built = dict(pairs)
+        if len(built) < len(pairs):
+            ((twice, _),) = Counter(key for key, _ in pairs).most_common(1)
+            raise ValueError(f"it has the key {shortened(repr(twice))} twice in one object")
+        return built
+
+    try:
+        return json.loads(text, object_pairs_hook=distinct, parse_constant=None if allow_nan else refuse)
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"not complete JSON ({str(error) or 'nested too deep'})") from error
 
 
 def _remove(path: Path) -> None:

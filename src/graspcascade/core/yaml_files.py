@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from .errors import FileFormatError, InputError
+from .errors import FileFormatError, InputError, shortened
 
 YAML_SUFFIXES = (".yaml", ".yml")
 _MAX_BYTES, _MAX_DEPTH, _MAX_NODES, _MAX_SCALAR = 64_000_000, 40, 5_000_000, 100_000
@@ -32,8 +33,8 @@ def dump_yaml(path: Path, data: Any, comment: str) -> None:
 def load_yaml(path: Path) -> Any:
     """Read plain data.
 
-    References, merge keys and tags are refused, and so are very large or deeply nested files: some small files
-    can take all memory or crash the parser.
+    References, merge keys and tags are refused, and so are repeated keys and very large or deeply nested files: some
+    small files can take all memory or crash the parser.
 
     Raises:
         InputError: there is no such file.
@@ -46,10 +47,19 @@ def load_yaml(path: Path) -> Any:
     if path.stat().st_size > _MAX_BYTES:
         raise FileFormatError(f"it is larger than {_MAX_BYTES // 1_000_000} MB")
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+    class Plain(loader):  # type: ignore[misc, valid-type]
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            built = super().construct_mapping(node, deep)
+            if len(built) < len(node.value):
+                ((twice, _),) = Counter(self.construct_object(key) for key, _ in node.value).most_common(1)
+                raise FileFormatError(f"it has the key {shortened(repr(twice))} twice in one mapping")
+            return built
+
     try:
         text = path.read_bytes()
         _check_events(yaml, yaml.parse(text, Loader=loader))
-        return yaml.load(text, Loader=loader)
+        return yaml.load(text, Loader=Plain)
     except FileFormatError:
         raise
     except (yaml.YAMLError, ValueError, TypeError, RecursionError, OverflowError) as error:

@@ -11,7 +11,7 @@ from ..core.files import write_folder_staged, write_staged
 from ..core.grasps import Grasps
 from ..core.poses import Pose
 from ..hands import Hand
-from .document import SCHEMA_VERSION, Assumptions, ExportOptions, GraspDocument, held_rates, place
+from .document import SCHEMA_VERSION, Assumptions, ExportOptions, GraspDocument, held_rates, keep_limits, place
 from .native import document_to_json
 from .registry import FORMATS, FORMATS_BY_NAME, GraspFormat, check_file_place, format_to_read, format_to_write
 
@@ -66,6 +66,10 @@ def save_grasps(
             f"{chosen.name} states the hand in contact, which only a trial tells: give outcomes=run_trials(grasps), or "
             "contact='target' (--no-settle) to state the targets, which lie inside the object"
         )
+    if options.hand is not None:
+        keep_limits(grasps.columns(), grasps.joint_names, options.hand)
+    if not len(grasps) and chosen.writes_folder(path):
+        raise InputError(f"a {chosen.name} folder of no grasps cannot be read back; give grasps, or write a .json file")
     if options.outcomes is not None and len(options.outcomes) != len(grasps):
         raise InputError(f"there are {len(options.outcomes)} outcomes for {len(grasps)} grasps")
     if chosen.layout == "folder" and options.object_root is None:
@@ -100,7 +104,9 @@ def load_document(
     """
     path = Path(path)
     chosen = format_to_read(path, format)
-    if not path.is_file() and not (path.is_dir() and chosen.layout != "file"):
+    if path.is_dir() and chosen.layout == "file":
+        raise InputError(f"{path} is a folder; {chosen.name} grasps are read from a file")
+    if not path.is_file() and not path.is_dir():
         raise InputError(f"there is no file {path}")
     if chosen.pickled and not trust_pickle:
         risk = "pickled Python objects, and reading those runs whatever code the file carries"
@@ -111,13 +117,15 @@ def load_document(
 
 
 def load_executable(path: Path | str, hand: Hand, *, trust_pickle: bool = False) -> GraspDocument:
-    """Read a file of grasps for a hand to execute; an InputError says that it has none, or lacks joints of the hand."""
+    """Read a file of grasps for a hand to execute; an InputError says that it has none, or other joints."""
     document = load_document(path, trust_pickle=trust_pickle, assume=Assumptions(hand=hand))
     if not len(document.grasps):
         raise InputError(f"{path} holds no grasps")
-    missing = [name for name in hand.joint_names if name not in document.grasps.joint_names]
-    if missing:
+    given, needed = document.grasps.joint_names, hand.joint_names
+    if missing := [name for name in needed if name not in given]:
         raise InputError(f"{path} lacks joints of {hand.name}: {', '.join(missing)}")
+    if extra := [name for name in given if name not in needed]:
+        raise InputError(f"{path} has joints that {hand.name} lacks: {', '.join(extra)}")
     return document
 
 

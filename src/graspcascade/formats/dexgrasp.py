@@ -6,6 +6,7 @@ A DexGraspBench folder has ``graspdata/<object>/<grasp type>/<number>.npy`` and 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import pickle
 import re
@@ -87,11 +88,11 @@ def read_bench(path: Path, assume: Assumptions) -> GraspDocument:
     back where it was placed before the trial.
     """
     whole = path / "graspdata"
-    files = sorted((whole if whole.is_dir() else path).rglob("*.npy")) if path.is_dir() else [path]
+    files = (whole if whole.is_dir() else path).rglob("*.npy")
     rows: list[ForeignGrasp] = []
     noted: list[Mapping[str, Any]] = []
-    for file in files:
-        with doc.place(file.name):
+    for file, name in foreign.input_files(path, files, ".npy"):
+        with doc.place(name):
             array = load_objects(file)
             row = array.item() if array.ndim == 0 else None
             if not isinstance(row, Mapping) or not {"grasp_qpos", "robot_pose"} & set(row):
@@ -99,8 +100,6 @@ def read_bench(path: Path, assume: Assumptions) -> GraspDocument:
             rows.extend(_bench_grasps(row))
             noted.append(mapping(row.get(KEY)))
     if whole.is_dir():
-        if not files:
-            raise FileFormatError("graspdata holds no .npy files")
         # All grasps of an export must be there; files of others, or without a count, may lie beside them.
         written = max(int(number(notes.get("n_grasps", 0), "n_grasps")) for notes in noted)
         rows_noted = [mapping(notes.get("grasp")).get("number") for notes in noted]
@@ -114,22 +113,29 @@ def read_bench(path: Path, assume: Assumptions) -> GraspDocument:
 def _bench_grasps(row: Mapping[str, Any]) -> Iterator[ForeignGrasp]:
     """Read the grasps of a dictionary, one or a batch."""
     states, order, X_hand_base = _states(row)
-    n = len(states["grasp_qpos"])
-    placed = _batch(row.get("obj_pose"), 7, "obj_pose")
-    if len(placed) not in (1, n):
-        raise FileFormatError(f"obj_pose is batched as {len(placed)} poses for {n} grasps")
-    path = str(np.asarray(row.get("obj_path"), dtype=object).reshape(-1)[0]).rstrip("/")
-    name = re.sub(r"(/mesh)?/[^/]+\.obj$", "", path).rsplit("/", 1)[-1]
-    scale, notes = foreign.scale_of(row.get("obj_scale", 1.0), "obj_scale"), mapping(mapping(row.get(KEY)).get("grasp"))
-    for base, obj, opened, target in zip(
-        states["grasp_qpos"], np.broadcast_to(placed, (n, 7)), states[STATES[0]], states[STATES[2]], strict=True
-    ):
+    n, head = len(states["grasp_qpos"]), mapping(row.get(KEY))
+    placed, notes = _batch(row.get("obj_pose"), 7, "obj_pose"), mapping(head.get("grasp"))
+    paths = np.asarray(row.get("obj_path"), dtype=object).reshape(-1)
+    for what, given in (("obj_pose", placed), ("obj_path", paths)):
+        if len(given) not in (1, n):
+            raise FileFormatError(f"{what} has {len(given)} entries for {n} grasps; it needs one, or one for each")
+    if n > 1 and (head or np.asarray(row.get("obj_scale"), dtype=object).size > 1):
+        of_one = f"the notes under {KEY!r} are" if head else "an obj_scale of several numbers is"
+        raise FileFormatError(f"it holds {n} grasps, but {of_one} of a single one")
+    scale, contact = foreign.scale_of(row.get("obj_scale", 1.0), "obj_scale"), mapping(notes.get("contact"))
+    world = doc.pose_to_json(doc.world_pose(head) or _NOWHERE)
+    for i, (opened, base, target) in enumerate(zip(*(states[state] for state in STATES), strict=True)):
+        path, obj = paths[i % len(paths)], placed[i % len(placed)]
+        name = None if path is None else re.sub(r"(/mesh)?/[^/]+\.obj$", "", str(path).rstrip("/")).rsplit("/", 1)[-1]
         X_world_hand = pose_of(base[:3], base[3:7], "hand base") @ X_hand_base.inverse()
-        X_hand_object = X_world_hand.inverse() @ pose_of(obj[:3], obj[3:], "obj_pose")
-        if "placed" in notes:
-            X_hand_object = _noted_pose(notes)
+        X_world_object = pose_of(obj[:3], obj[3:], "obj_pose")
+        X_hand_object = X_world_hand.inverse() @ X_world_object
+        changed = foreign.differ(X_hand_object, doc.by_name(order, base[7:]), contact)
+        changed |= bool(contact) and foreign.differ(X_world_object, {}, world)
+        if "placed" in notes and not changed:
+            X_hand_object = foreign.noted_pose(mapping(notes["placed"]))
         posture, pregrasp = doc.by_name(order, target[7:]), doc.by_name(order, opened[7:])
-        yield ForeignGrasp(posture, pregrasp, X_hand_object, name, scale, notes=notes)
+        yield ForeignGrasp(posture, pregrasp, X_hand_object, name, scale, notes=notes, changed=changed)
 
 
 def _states(row: Mapping[str, Any]) -> tuple[dict[str, NDArray[np.float64]], Sequence[str], Pose]:
@@ -138,7 +144,7 @@ def _states(row: Mapping[str, Any]) -> tuple[dict[str, NDArray[np.float64]], Seq
     X_hand_base = X_HAND_BASE
     given = {state: row.get(state, row.get("grasp_qpos")) for state in STATES}
     if "grasp_qpos" not in row:
-        stages = np.asarray(row["robot_pose"])
+        stages = _array(row["robot_pose"], "robot_pose")
         if stages.ndim == 4 and stages.shape[0] == 1 and stages.shape[2] >= 3:
             # As BODex writes it: the palm's own pose, and the thumb first.
             stages, order, X_hand_base = stages[0, :, :3], (*JOINTS[-5:], *JOINTS[:-5]), _NOWHERE
@@ -151,6 +157,8 @@ def _states(row: Mapping[str, Any]) -> tuple[dict[str, NDArray[np.float64]], Seq
         raise FileFormatError(f"its states are batched as different numbers of grasps: {lengths}")
     if row.get("joint_names") is not None:
         listed = np.asarray(row["joint_names"], dtype=object).reshape(-1).tolist()
+        if len(listed) != len(JOINTS):
+            raise FileFormatError(f"joint_names has {len(listed)} names for {len(JOINTS)} angles")
         places = foreign.pick_joints({str(name): i for i, name in enumerate(listed)}, JOINTS, "joint_names")
         order = sorted(JOINTS, key=lambda joint: places[joint])
     return states, order, X_hand_base
@@ -158,10 +166,7 @@ def _states(row: Mapping[str, Any]) -> tuple[dict[str, NDArray[np.float64]], Seq
 
 def _batch(value: object, width: int, what: str) -> NDArray[np.float64]:
     """Read one row of numbers ``(width,)``, or a batch ``(n, width)``, as a batch."""
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise FileFormatError(f"{what} is {doc.shown(value)}, not {width} numbers") from error
+    array = _array(value, what)
     if array.ndim > 2:
         raise FileFormatError(f"{what} is batched as {array.shape}; only ({width},) and (n, {width}) can be read")
     if array.ndim == 0 or array.shape[-1] != width:
@@ -169,6 +174,16 @@ def _batch(value: object, width: int, what: str) -> NDArray[np.float64]:
     for bad in array[~np.isfinite(array)][:1].tolist():
         number(bad, what)
     return array.reshape(-1, width)
+
+
+def _array(value: object, what: str) -> NDArray[np.float64]:
+    if value is None:
+        raise FileFormatError(f"lacks {what}")
+    with contextlib.suppress(TypeError, ValueError, OverflowError):
+        array = np.asarray(value)
+        if array.dtype.kind in "iufO":
+            return array.astype(np.float64)
+    raise FileFormatError(f"{what} is {doc.shown(value)}, not an array of numbers")
 
 
 def write_net(path: Path, document: GraspDocument, options: ExportOptions) -> None:
@@ -193,7 +208,7 @@ def write_net(path: Path, document: GraspDocument, options: ExportOptions) -> No
     if path.is_dir():
         (path / "dataset").mkdir()
     for name, file, mine in foreign.object_files(path, path / "dataset", ".npy", grasps.tasks, "a DexGraspNet"):
-        save_objects(file, [rows[i] for i in mine])
+        save_objects(file, [rows[i] | {KEY: rows[i][KEY] | {"n_grasps": len(mine)}} for i in mine])
         if path.is_dir():
             mesh, folder = object_mesh(grasps.tasks.objects[name]), path / "meshdata" / file.stem / "coacd"
             write_obj(folder / "decomposed.obj", mesh)
@@ -213,32 +228,41 @@ def read_net(path: Path, assume: Assumptions) -> GraspDocument:
     rows: list[ForeignGrasp] = []
     noted: list[Mapping[str, Any]] = []
     folder = path / "dataset" if (path / "dataset").is_dir() else path
-    for file in sorted(folder.glob("*.npy")) if path.is_dir() else [path]:
-        array = load_objects(file)
-        read: list[Any] = array.tolist() if array.ndim == 1 else [None]
-        if not all(isinstance(row, Mapping) and isinstance(row.get("qpos"), Mapping) for row in read):
-            raise FileFormatError("not a DexGraspNet file (an array of dictionaries with qpos by joint name)")
-        for row in read:
-            with doc.place(f"grasp {len(rows)}"):
-                rows.append(_net_grasp(row, file.stem))
-            noted.append(mapping(row.get(KEY)))
+    for file, name in foreign.input_files(path, folder.glob("*.npy"), ".npy"):
+        with doc.place(name):
+            array = load_objects(file)
+            read: list[Any] = array.tolist() if array.ndim == 1 else [None]
+            if not all(isinstance(row, Mapping) and isinstance(row.get("qpos"), Mapping) for row in read):
+                raise FileFormatError("not a DexGraspNet file (an array of dictionaries with qpos by joint name)")
+            heads = [notes for row in read if (notes := mapping(row.get(KEY)))]
+            for written in {int(number(notes["n_grasps"], "n_grasps")) for notes in heads if "n_grasps" in notes}:
+                foreign.check_count(len(heads), written)
+            noted += heads
+            for row in read:
+                with doc.place(f"grasp {len(rows)}"):
+                    rows.append(_net_grasp(row, file.stem))
     return _document(rows, noted, assume, NET)
 
 
 def _net_grasp(row: Mapping[str, Any], object_name: str) -> ForeignGrasp:
     qpos, notes = row["qpos"], mapping(mapping(row.get(KEY)).get("grasp"))
     scale = foreign.scale_of(row.get("scale", 1.0), "scale")
-    if notes:
-        # It may say where the hand settled; a trial wants what was commanded and where the object was put.
-        target, opened = (foreign.pick_joints(notes.get(name), JOINTS, f"noted {name}") for name in ANGLES)
-        return ForeignGrasp(target, opened, _noted_pose(notes), object_name, scale, notes=notes)
     from scipy.spatial.transform import Rotation  # only this format needs scipy for reading
 
     point, turn = ([number(qpos.get(name), name) for name in names] for names in (TRANSLATION, ROTATION))
-    palm = Pose(np.array(point), as_quat(Rotation.from_euler("xyz", turn)))
+    far = max(turn, key=abs)
+    if abs(far) > 2 * np.pi:
+        raise FileFormatError(f"WRJR has an angle of {far:g}, but angles are radians; this looks like degrees")
+    X_hand_object = Pose(np.array(point), as_quat(Rotation.from_euler("xyz", turn))).inverse()
     angles = foreign.pick_joints(qpos, JOINTS, "qpos", numbering=0)
     posture = {name: -angle if name in REVERSED else angle for name, angle in angles.items()}
-    return ForeignGrasp(posture, None, palm.inverse(), object_name, scale)
+    changed = foreign.differ(X_hand_object, posture, mapping(notes.get("contact")))
+    if notes and not changed:
+        # It may say where the hand settled; a trial wants what was commanded and where the object was put.
+        target, opened = (foreign.pick_joints(notes.get(name), JOINTS, f"noted {name}") for name in ANGLES)
+        X_hand_object = foreign.noted_pose(mapping(notes.get("placed")))
+        return ForeignGrasp(target, opened, X_hand_object, object_name, scale, notes=notes)
+    return ForeignGrasp(posture, None, X_hand_object, object_name, scale, notes=notes, changed=changed)
 
 
 # -- what both share
@@ -249,7 +273,7 @@ def _in_contact(
 ) -> tuple[Grasps, dict[str, Any], list[dict[str, Any]]]:
     """Put hand and object where they settled, if a trial reached closing; with our notes on the file and each grasp."""
     grasps, outcomes = document.grasps, options.outcomes
-    _check_shadow(grasps.hand, grasps.joint_names, what)
+    _check_shadow(grasps.hand, foreign.without_wrist(grasps, ("WRJ2", "WRJ1")), what)
     notes, contact, placed = doc.header(document) | {"conventions": conventions}, grasps, grasps.X_hand_object
     measured = np.zeros((len(grasps), 1), dtype=bool)
     if outcomes is not None and options.contact == "settled":
@@ -258,10 +282,12 @@ def _in_contact(
         position, quat = (np.where(measured, getattr(settled, part), getattr(placed, part)) for part in doc.POSE_PARTS)
         posture = np.where(measured, posture, grasps.posture)
         contact = replace(grasps, posture=posture, X_hand_object=Pose(position, quat))
-    each = [
-        row | {"contact_measured": bool(measured[i, 0]), "placed": doc.pose_to_json(placed, i)}
-        for i, row in enumerate(foreign.grasp_notes(document))
-    ]
+    each = foreign.grasp_notes(document)
+    for i, row in enumerate(each):
+        row |= {"contact_measured": bool(measured[i, 0]), "placed": doc.pose_to_json(placed, i)}
+        # What the file's own fields say, so that a reader knows whether they were changed since.
+        row["contact"] = doc.pose_to_json(contact.X_hand_object, i)
+        row["contact"]["posture"] = doc.by_name(contact.joint_names, contact.posture[i])
     return contact, notes, each
 
 
@@ -277,11 +303,6 @@ def _check_shadow(hand: str, joint_names: Sequence[str], what: str) -> None:
     if not set(joint_names) & set(JOINTS):
         raise InputError(f"{what} files are of the Shadow Hand only, not of {hand}; use isaac_grasp or moveit_grasp")
     foreign.check_joints(joint_names, JOINTS, "shadow_hand_right")
-
-
-def _noted_pose(notes: Mapping[str, Any]) -> Pose:
-    placed = mapping(notes.get("placed"))
-    return pose_of(placed.get("position_m"), placed.get("quat_wxyz"), "noted pose")
 
 
 def save_objects(path: Path, value: Any) -> None:
@@ -316,7 +337,7 @@ def array_shape(path: Path) -> tuple[int, ...]:
             read_header = np.lib.format.read_array_header_1_0 if major == 1 else np.lib.format.read_array_header_2_0
             shape, _, dtype = read_header(file)
     except (ValueError, EOFError, SyntaxError, TypeError) as error:
-        raise FileFormatError(f"{path.name} is not an .npy file ({' '.join(str(error).split())})") from error
+        raise FileFormatError(f"not an .npy file ({' '.join(str(error).split())})") from error
     if not dtype.hasobject:
-        raise FileFormatError(f"{path.name} is an array of {dtype}, not of dictionaries")
+        raise FileFormatError(f"an array of {dtype}, not of dictionaries")
     return tuple(shape)

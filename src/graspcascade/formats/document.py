@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .. import hands  # not its functions: those load what reads hand files, which sampling does not need
 from ..core.errors import FileFormatError, InputError, check_name, shortened
 from ..core.grasps import Grasps
-from ..core.objects import CATALOGUE, GraspObject
+from ..core.objects import AXES, CATALOGUE, GraspObject
 from ..core.outcomes import Outcomes
 from ..core.poses import Pose
 from ..core.records import Columns, objects_to_json, read_tasks
@@ -33,16 +33,17 @@ NUMBERS = ("side_m", "grasp_size_m", "object_size_m", "probability")
 UNKNOWABLE = NUMBERS[1:]
 """Columns in which not-a-number means unknown; files hold null there."""
 ANGLES, POSE_PARTS = ("posture", "pregrasp"), {"position_m": 3, "quat_wxyz": 4}
-_CHOICES: Mapping[str, tuple[str, ...]] = {
+_CHOICES: Mapping[str, tuple[object, ...]] = {
     "parent_link": ("forearm", "palm"),
     "frame_keys": ("frame", "frame_link"),
     "contact": ("settled", "target"),
-    "joint_numbering": ("0", "1"),
+    "joint_numbering": (0, 1),
 }
 _FIRST_HAND = "shadow_hand_right"
 """Hand of files that do not say: the only one there was when these were written."""
 _FURTHEST_M, _FURTHEST_IN_WORLD_M = 1.0, 1e7
 _ROUNDING_RAD, _FAR_RAD, _FAR_JOINTS = 1e-3, 0.5, 3
+UNITS = {"length": "metre", "angle": "radian"}
 FRAMES = {
     "hand": "palm body of the hand model, wrist joints at zero",
     "object": "centre of the object; a cylinder's axis is z",
@@ -112,8 +113,8 @@ class ExportOptions:
             raise InputError(f"approach and retreat must be lengths, got {self.approach_m} m and {self.retreat_m} m")
         if is_left(self.joint_prefix):
             raise InputError(f"joint prefix {self.joint_prefix!r} is of a left hand; all hands here are right ones")
-        for name, choices in _CHOICES.items():
-            check_name(name, str(getattr(self, name)), choices)
+        for name in _CHOICES:
+            check_choice(name, getattr(self, name))
 
     def confidence(self, grasps: Grasps) -> NDArray[np.float64]:
         """Find each grasp's own probability ``(n,)``, else the held rate of its type and object, else NaN."""
@@ -150,7 +151,7 @@ class Assumptions:
         hand: the hand; by default the shipped one that the file is for, or the Shadow Hand where it does not say.
 
     Raises:
-        InputError: an unknown joint numbering.
+        InputError: an unknown side axis or joint numbering.
     """
 
     grasp_type: str | None = None
@@ -160,7 +161,16 @@ class Assumptions:
     hand: Hand | None = None
 
     def __post_init__(self) -> None:
-        check_name("joint_numbering", str(self.joint_numbering), _CHOICES["joint_numbering"])
+        check_choice("joint_numbering", self.joint_numbering)
+        if self.side_axis is not None:
+            check_name("side axis", self.side_axis, AXES)
+
+
+def check_choice(name: str, given: object) -> None:
+    """Check one of the options that have few values."""
+    choices = _CHOICES[name]
+    if type(given) is not type(choices[0]) or given not in choices:
+        raise InputError(f"unknown {name} {shown(given)}. Valid: {', '.join(map(repr, choices))}.")
 
 
 def held_rates(evaluation: Evaluation) -> dict[tuple[str, str], float]:
@@ -180,7 +190,7 @@ def header(document: GraspDocument) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "kind": KIND,
         "written_by": f"graspcascade {version('graspcascade')}",
-        "units": {"length": "metre", "angle": "radian"},
+        "units": UNITS,
         "frames": FRAMES,
         "quaternion_order": "wxyz",
         "hand": grasps.hand,
@@ -192,7 +202,7 @@ def header(document: GraspDocument) -> dict[str, Any]:
         with place("X_world_object"):
             _one_pose(pose.position_m, pose.quat_wxyz)
         head["X_world_object"] = pose_to_json(pose)
-    return head
+    return check_header(head)
 
 
 def check_header(head: object) -> dict[str, Any]:
@@ -200,13 +210,18 @@ def check_header(head: object) -> dict[str, Any]:
     if not isinstance(head, dict) or head.get("kind") != KIND:
         raise FileFormatError("not a graspcascade grasp file")
     names: Any = head.get("joint_names")
-    schema, order = head.get("schema_version"), head.get("quaternion_order")
+    schema, order, units = head.get("schema_version"), head.get("quaternion_order"), head.get("units", UNITS)
+    frames = head.get("frames", FRAMES)
     listed = isinstance(names, list) and bool(names) and all(isinstance(name, str) for name in names)
     faults = {
-        f"has schema version {schema!r}; this version reads {SCHEMA_VERSION}": schema != SCHEMA_VERSION,
+        f"has schema version {schema!r}; this version reads {SCHEMA_VERSION}": schema is True
+        or schema != SCHEMA_VERSION,
+        f"units is {shown(units)}; only metre and radian can be read": units != UNITS,
+        "frames are other ones than those of this version": not isinstance(frames, dict) or FRAMES | frames != FRAMES,
         "joint_names is not a list of names": not listed,
         "joint_names names a joint twice": listed and len(set(names)) < len(names),
         f"quaternion_order is {order!r}; only 'wxyz' can be read": order != "wxyz",
+        f"hand is {shown(head.get('hand'))}, not a name": not isinstance(head.get("hand", _FIRST_HAND), str),
         "metadata is missing": not isinstance(head.get("metadata"), dict),
     }
     for fault in (fault for fault, present in faults.items() if present):
@@ -227,6 +242,10 @@ def _named_hand(head: Mapping[str, Any], given: Hand | None) -> tuple[str, Hand 
     name = head.get("hand", _FIRST_HAND)
     if not isinstance(name, str):
         raise FileFormatError(f"hand is {shown(name)}, not a name")
+    if given is not None and is_left(name) != is_left(given.name):
+        raise FileFormatError(
+            f"it is of hand {shown(name)}, which is not of the side of {given.name}: left and right cannot be mixed"
+        )
     return name, hands.shipped_hand(name) if given is None else given
 
 
@@ -241,7 +260,9 @@ def to_document(
     name, hand = _named_hand(head, hand)
     try:
         _check_values(columns)
-        notes = () if hand is None else _keep_limits(columns, joint_names, hand)
+        notes = () if hand is None else keep_limits(columns, joint_names, hand)
+        if hand is not None and hand.name != name:
+            notes = (f"the grasps are of hand {shown(name)}, not of {hand.name!r}", *notes)
     except InputError as error:
         raise FileFormatError(str(error)) from error
     kinds, names, axes = (columns[label] for label in LABELS)
@@ -293,16 +314,20 @@ def world_pose(head: Mapping[str, Any]) -> Pose | None:
     try:
         return None if stored is None else _one_pose(stored["position_m"], stored["quat_wxyz"])
     except (InputError, KeyError, TypeError, OverflowError) as error:
-        raise FileFormatError(f"X_world_object is damaged ({error})") from error
+        reason = error if isinstance(error, InputError) else "not position_m and quat_wxyz of a pose"
+        raise FileFormatError(f"X_world_object is damaged ({reason})") from error
 
 
 @contextlib.contextmanager
 def place(where: str) -> Iterator[None]:
-    """Say of errors in the block where in the file they are."""
+    """Say of errors in the block where in the file they are, and of what does not read in one wording."""
+    before = f"{where}: " if where else ""
     try:
         yield
     except InputError as error:
-        raise type(error)(f"{where}: {error}") from error
+        raise type(error)(f"{before}{error}") from error
+    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{before}damaged, or laid out in a way that is not read") from error
 
 
 def mapping(value: object) -> Mapping[str, Any]:
@@ -367,7 +392,7 @@ def _check_values(columns: Mapping[str, NDArray[Any]]) -> None:
         _refuse(largest > 2 * np.pi, what, largest)
 
 
-def _keep_limits(columns: Columns, joint_names: Sequence[str], hand: Hand) -> tuple[str, ...]:
+def keep_limits(columns: Columns, joint_names: Sequence[str], hand: Hand) -> tuple[str, ...]:
     """Clip angles that rounding put past a limit, and tell of those that are well beyond."""
     limits = dict(zip(hand.joint_names, zip(hand.lower_rad, hand.upper_rad, strict=True), strict=True))
     low, high = np.array([limits.get(name, (-np.inf, np.inf)) for name in joint_names]).reshape(-1, 2).T

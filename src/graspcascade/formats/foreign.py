@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import FileFormatError, InputError
+from ..core.grasps import Grasps
 from ..core.objects import AXES, GraspObject, as_object
-from ..core.poses import Pose, quat_conjugate, rotate
+from ..core.poses import Pose, quat_conjugate, rotate, rotation_angle
 from ..core.records import objects_from_json
 from ..core.tasks import Tasks
 from ..core.taxonomy import GraspType, as_type
@@ -28,6 +29,7 @@ from .document import NUMBERS, Assumptions, GraspDocument, mapping, number, plac
 KEY = "graspcascade"
 _NUMBERED = re.compile(r"(.*J)([1-9])")
 _UNSCALED = (1.0, 1.0, 1.0)
+STRAIGHT_RAD, _CHANGED = 1e-6, 1e-4
 
 
 @dataclass(frozen=True)
@@ -41,14 +43,44 @@ class ForeignGrasp:
     scale: Sequence[float] = _UNSCALED  # of the object of that name, along its body axes
     confidence: object = None  # what the file gives as chance to hold
     notes: Mapping[str, Any] = field(default_factory=dict)  # our own, empty in a file of someone else's
+    changed: bool = False  # what the file says is no longer what our notes were written for
 
 
 def check_joints(given: Sequence[str], needed: Sequence[str], hand: str) -> None:
-    """Check that grasps to be written have the joints of a hand."""
-    missing = [name for name in needed if name not in given]
-    if missing:
+    """Check that the joints of grasps to be written are those of a hand."""
+    lacking, extra = ([n for n in ours if n not in others] for ours, others in ((needed, given), (given, needed)))
+    if lacking or extra:
+        fault = f"lack joints of {hand}" if lacking else f"have joints that {hand} lacks"
         native = "only native files (.json, .parquet) can hold such grasps"
-        raise InputError(f"the grasps lack joints of {hand}: {', '.join(missing)}; {native}")
+        raise InputError(f"the grasps {fault}: {', '.join(lacking or extra)}; {native}")
+
+
+def without_wrist(grasps: Grasps, wrist: Sequence[str]) -> list[str]:
+    """List the joints of grasps apart from the wrist's, which must be straight to be left out."""
+    for bent in (name for name in wrist if name in grasps.joint_names):
+        angles = np.array([grasps.posture, grasps.pregrasp])[..., grasps.joint_names.index(bent)]
+        if np.abs(angles).max(initial=0.0) > STRAIGHT_RAD:
+            raise InputError(f"the grasps bend the wrist ({bent}); only a straight wrist can be written")
+    return [name for name in grasps.joint_names if name not in wrist]
+
+
+def which_link(given: str, links: Sequence[str], what: str) -> str:
+    """Find which of a hand's links a file means, whose names may have a prefix such as ``rh_`` or ``/World/``."""
+    for link in (link for link in links if given.endswith(link)):
+        prefix = given.removesuffix(link)
+        if is_left(prefix):
+            raise FileFormatError(f"{what} is {given!r}, of a left hand; only right hands can be read")
+        if not prefix[-1:].isalnum():
+            return link
+    raise FileFormatError(f"{what} is {doc.shown(given)}; only poses of {' or '.join(links)} can be read")
+
+
+def input_files(path: Path, files: Iterable[Path], suffix: str) -> list[tuple[Path, str]]:
+    """List the files to read, a path itself or those of a folder, each with its name in that folder."""
+    listed = [(file, file.name) for file in files] if path.is_dir() else [(path, "")]
+    if not listed:
+        raise FileFormatError(f"the folder holds no {suffix} files")
+    return sorted(listed)
 
 
 def grasp_notes(document: GraspDocument) -> list[dict[str, Any]]:
@@ -58,7 +90,7 @@ def grasp_notes(document: GraspDocument) -> list[dict[str, Any]]:
 
 def file_stems(tasks: Tasks) -> dict[str, str]:
     """Name a file or folder for each object of the tasks."""
-    stems = {name: re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or "object" for name in tasks.objects}
+    stems = {name: file_stem(name) for name in tasks.objects}
     if len(set(stems.values())) < len(stems):
         raise InputError(f"objects {', '.join(stems)} would share a file; give them names that differ in letters")
     return stems
@@ -77,6 +109,7 @@ def object_files(path: Path, folder: Path, suffix: str, tasks: Tasks, what: str)
 
 def numbered(names: Sequence[str], numbering: int) -> dict[str, str]:
     """Name joints as a model does that numbers a digit's outermost joint 1, as here, or 0; by our names."""
+    doc.check_choice("joint_numbering", numbering)
     if numbering:
         return {name: name for name in names}
     parts = {name: _NUMBERED.fullmatch(name) for name in names}
@@ -115,8 +148,36 @@ def check_whole(notes: Mapping[str, Any], n: int) -> None:
     noted = notes.get("grasps") if notes else [None] * n
     if not isinstance(noted, list | Mapping):
         raise FileFormatError("its notes on the grasps are damaged")
-    if len(noted) != n:
-        raise FileFormatError(f"it has {n} of the {len(noted)} grasps that were written")
+    check_count(n, len(noted))
+
+
+def check_count(n: int, written: object) -> None:
+    """Check that a file has as many grasps as were written to it."""
+    if n != written:
+        raise FileFormatError(f"it has {n} of the {doc.shown(written)} grasps that were written")
+
+
+def differ(X_hand_object: Pose, angles: Mapping[str, float], noted: Mapping[str, Any]) -> bool:
+    """Tell whether a pose or angles, in metres and radians, are others than those that were noted of them."""
+    if not noted:
+        return False
+    posture, pose = mapping(noted.get("posture")), noted_pose(noted)
+    apart = [angle - number(posture.get(name), f"noted {name}") for name, angle in angles.items()]
+    apart += [
+        *(X_hand_object.position_m - pose.position_m),
+        float(rotation_angle(X_hand_object.quat_wxyz, pose.quat_wxyz)),
+    ]
+    return bool(np.abs(apart).max() > _CHANGED)
+
+
+def noted_pose(noted: Mapping[str, Any]) -> Pose:
+    """Read a pose from our notes."""
+    return doc.pose_of(noted.get("position_m"), noted.get("quat_wxyz"), "noted pose")
+
+
+def file_stem(name: str) -> str:
+    """Name the file or folder of an object."""
+    return re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or "object"
 
 
 def scale_of(value: object, what: str) -> list[float]:
@@ -134,8 +195,17 @@ def foreign_document(
     rows: list[ForeignGrasp], files: Sequence[Mapping[str, Any]], assume: Assumptions, hand: Hand
 ) -> GraspDocument:
     """Make a document of rows with a hand's joints; `files` are our notes on each file, empty in someone else's."""
-    if all("number" in row.notes for row in rows):
-        rows = sorted(rows, key=lambda row: number(row.notes["number"], "number"))
+    headers = [notes for notes in files if notes]
+    for key in ("hand", "joint_names", "metadata", "X_world_object"):
+        if any(notes.get(key) != headers[0].get(key) for notes in headers):
+            raise FileFormatError(f"its files differ in {key}, so they are of different exports; read them one by one")
+    places = [number(row.notes["number"], "number") for row in rows if "number" in row.notes]
+    if len(set(places)) < len(places):
+        raise FileFormatError("two of its grasps have the same number; they are of different exports, or one is a copy")
+    if len(places) == len(rows):
+        rows = [row for _, row in sorted(zip(places, rows, strict=True), key=lambda pair: pair[0])]
+    changed = sum(row.changed for row in rows)
+    rows = [replace(row, notes={}) if row.changed else row for row in rows]
     noted: dict[str, Any] = {}
     for name, about in ((name, about) for notes in files for name, about in mapping(notes.get("objects")).items()):
         if noted.setdefault(name, about) != about:
@@ -147,7 +217,8 @@ def foreign_document(
         with place(f"grasp {i}"):
             named = row.notes.get("grasp_type", assume.grasp_type)
             if named is None:
-                raise InputError("the file names no grasp type; say which (grasp_type=, --grasp-type)")
+                lacks = "it was changed since it was written" if row.changed else "the file names no grasp type"
+                raise InputError(f"{lacks}; say which type it is (grasp_type=, --grasp-type)")
             kind, obj, chance = as_type(str(named)), _object(row, known, assume), _chance(row)
             read = _facts(row, kind, obj, assume, hand)
         if chance is not None:
@@ -161,10 +232,13 @@ def foreign_document(
     if missing.any():
         columns["grasp_size_m"][missing] = hand.grasp_size(columns["posture"][missing])
     about = {name: obj.to_json() for name, obj in objects.items()}
-    head = {"hand": hand.name} | dict(files[-1] if files else {})
+    head = {"hand": hand.name} | dict(headers[0] if headers else {}) | ({"X_world_object": None} if changed else {})
     document = doc.to_document(head, hand.joint_names, columns, about, hand)
-    note = f"the confidence of {odd} grasps is no chance between 0 and 1 and was left out"
-    return replace(document, notes=(*document.notes, note)) if odd else document
+    told = {
+        f"the confidence of {odd} grasps is no chance between 0 and 1 and was left out": odd,
+        f"{changed} grasps were changed since they were written, and are read as those of a foreign file": changed,
+    }
+    return replace(document, notes=(*document.notes, *(note for note, n in told.items() if n)))
 
 
 def _object(row: ForeignGrasp, known: Mapping[str, GraspObject], assume: Assumptions) -> GraspObject:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.errors import FileFormatError, InputError
+from ..core.files import parse_json
 from ..core.records import Columns, gather, gather_pose, spread, spread_pose
 from . import document as doc
 from .document import ANGLES, LABELS, NUMBERS, POSE_PARTS, UNKNOWABLE, Assumptions, ExportOptions, GraspDocument
@@ -41,10 +44,7 @@ def document_to_json(document: GraspDocument) -> dict[str, Any]:
 
 def read_json(path: Path, assume: Assumptions) -> GraspDocument:
     """Read a document."""
-    try:
-        head = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"not complete JSON ({str(error) or 'nested too deep'})") from error
+    head = parse_json(path.read_bytes(), allow_nan=False)
     names, rows = doc.check_header(head)["joint_names"], head.get("grasps")
     if not isinstance(rows, list):
         raise FileFormatError("grasps is not a list")
@@ -78,10 +78,6 @@ def _row(row: object, joint_names: Sequence[str]) -> dict[str, Any]:
     return read | {name: doc.numbers(pose[name], width, name) for name, width in POSE_PARTS.items()}
 
 
-def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is not a JSON number")
-
-
 def write_parquet(path: Path, document: GraspDocument, _options: ExportOptions) -> None:
     """Write a document as Parquet, joints as columns named as in the dataset; the header rides along."""
     pa, pq = _pyarrow()
@@ -109,21 +105,29 @@ def read_parquet(path: Path, assume: Assumptions) -> GraspDocument:
     except (pa.ArrowException, OSError) as error:
         raise FileFormatError(f"not a complete Parquet file ({str(error).splitlines()[0]})") from error
     stored = (table.schema.metadata or {}).get(_HEADER_KEY)
-    try:
-        head = doc.check_header(None if stored is None else json.loads(stored))
-        names = tuple(head["joint_names"])
-        # A table is indexed by column name as a mapping is, and its columns are arrays to numpy.
-        columns: Columns = {name: np.array(table[name].to_pylist(), dtype=str) for name in LABELS}
-        columns |= {name: np.asarray(table[name], dtype=np.float64) for name in NUMBERS}
-        columns |= {name: gather(table, name, names) for name in ANGLES}
-        columns |= vars(gather_pose(table, "object"))
-    except KeyError as error:
-        raise FileFormatError(f"lacks column {error.args[0]!r}") from error
-    except FileFormatError:
-        raise
-    except (pa.ArrowException, ValueError, TypeError) as error:
-        raise FileFormatError(f"its columns or header are damaged ({error})") from error
+    head = doc.check_header(None if stored is None else parse_json(stored, allow_nan=False))
+    names, read = tuple(head["joint_names"]), _Columns(table)
+    columns: Columns = {name: read[name] for name in (*LABELS, *NUMBERS)}
+    columns |= {name: gather(read, name, names) for name in ANGLES}
+    columns |= vars(gather_pose(read, "object"))
     return doc.to_document(head, names, columns, head.get("objects", {}), assume.hand)
+
+
+class _Columns(dict[str, NDArray[Any]]):
+    """The columns of a table, checked and made arrays when they are asked for."""
+
+    def __init__(self, table: Any) -> None:
+        self.table = table
+
+    def __missing__(self, name: str) -> NDArray[Any]:
+        places = self.table.schema.get_all_field_indices(name)
+        if len(places) != 1:
+            raise FileFormatError(f"has column {name!r} {len(places)} times" if places else f"lacks column {name!r}")
+        column = self.table.column(places[0])
+        kind, what = ("string|large_string|dict", "text") if name in LABELS else ("u?int|float|double|null", "numbers")
+        if not re.match(kind, str(column.type)):
+            raise FileFormatError(f"column {name!r} is of type {column.type}, not of {what}")
+        return np.array(column.to_pylist(), dtype=str) if name in LABELS else np.asarray(column, dtype=np.float64)
 
 
 def _pyarrow() -> tuple[Any, Any]:

@@ -11,7 +11,7 @@ from typing import Any, Literal, cast
 
 from ..core.errors import FileFormatError, InputError, unknown
 from ..core.yaml_files import YAML_SUFFIXES, yaml_files
-from .document import Assumptions, ExportOptions, GraspDocument
+from .document import Assumptions, ExportOptions, GraspDocument, place
 
 
 @dataclass(frozen=True)
@@ -135,12 +135,13 @@ def format_to_read(path: Path, name: str | None = None) -> GraspFormat:
         )
     if suffix in YAML_SUFFIXES and path.is_file():
         with path.open("rb") as file:
-            start = file.read(4096)
+            start = b"".join(line for line in file if not line.lstrip().startswith(b"#"))[:4096]
         return FORMATS_BY_NAME["isaac_grasp" if b"isaac_grasp" in start else "moveit_grasp"]
     if suffix == ".npy" and path.is_file():
         from .dexgrasp import array_shape
 
-        return FORMATS_BY_NAME["dexgraspnet" if array_shape(path) else "dexgraspbench"]
+        with place(str(path)):
+            return FORMATS_BY_NAME["dexgraspnet" if array_shape(path) else "dexgraspbench"]
     return _by_suffix(path)
 
 

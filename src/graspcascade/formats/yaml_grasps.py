@@ -7,14 +7,15 @@ describes the file. Nothing of ROS is needed to write or read them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..core.errors import FileFormatError, InputError
+from ..core.errors import FileFormatError
 from ..core.poses import Pose, rotate
 from ..core.yaml_files import dump_yaml, load_yaml, yaml_files
 from ..hands import Hand
@@ -25,7 +26,6 @@ from .foreign import KEY, ForeignGrasp
 
 MESSAGE = "moveit_msgs/msg/Grasp"
 FOREARM = "forearm"
-_STRAIGHT_RAD = 1e-6
 _PALM_NORMAL = np.array([0.0, -1.0, 0.0])
 """In the hand frame."""
 ISAAC_CONVENTIONS = {
@@ -52,7 +52,7 @@ def _to_write(
     """Find the hand, its joints' names in the file (wrist first), their columns, and our notes on file and grasps."""
     grasps = document.grasps
     hand = doc.hand_of({"hand": grasps.hand}, options.hand)
-    foreign.check_joints(grasps.joint_names, hand.joint_names, hand.name)
+    foreign.check_joints(foreign.without_wrist(grasps, hand.wrist_joints), hand.joint_names, hand.name)
     names = foreign.numbered((*hand.wrist_joints, *hand.joint_names), options.joint_numbering).values()
     columns = hand.columns_in(grasps.joint_names)
     notes = doc.header(document) | {"conventions": conventions}
@@ -99,27 +99,32 @@ def read_isaac(path: Path, assume: Assumptions) -> GraspDocument:
     rows: list[ForeignGrasp] = []
     files: list[Mapping[str, Any]] = []
     hand = doc.hand_of({}, assume.hand)
-    for file in yaml_files(path) if path.is_dir() else [path]:
-        data = load_yaml(file)
-        if not isinstance(data, Mapping) or data.get("format") != "isaac_grasp":
-            raise FileFormatError("not an isaac_grasp file (no 'format: isaac_grasp')")
-        notes, frame = mapping(data.get(KEY)), _frame(data, "gripper_frame")
-        files.append(notes)
-        hand = doc.hand_of(notes, assume.hand)
-        schema = doc.shown(data.get("format_version"))
-        if schema.strip("'") not in ("1", "1.0"):
-            raise FileFormatError(f"has format_version {schema}; this version reads 1.0")
-        if not isinstance(data.get("grasps"), Mapping):
-            raise FileFormatError("grasps is not a mapping of grasps by name")
-        if frame is not None and not frame.endswith(hand.body):
-            what = f"{hand.name}'s {hand.body}"
-            raise FileFormatError(f"its gripper frame is {frame!r}; only poses of {what} can be read")
-        foreign.check_whole(notes, len(data["grasps"]))
-        numbering, noted = notes.get("joint_numbering", assume.joint_numbering), mapping(notes.get("grasps"))
-        for name, row in data["grasps"].items():
-            with doc.place(name):
-                rows.append(_grasp(row, data, mapping(noted.get(name)), hand, numbering))
+    for file, name in foreign.input_files(path, yaml_files(path) if path.is_dir() else (), ".yaml"):
+        with doc.place(name):
+            data = load_yaml(file)
+            if not isinstance(data, Mapping) or data.get("format") != "isaac_grasp":
+                raise FileFormatError("not an isaac_grasp file (no 'format: isaac_grasp')")
+            files.append(mapping(data.get(KEY)))
+            hand = doc.hand_of(files[-1], assume.hand)
+            rows += _isaac_grasps(data, files[-1], hand, assume)
     return foreign.foreign_document(rows, files, assume, hand)
+
+
+def _isaac_grasps(
+    data: Mapping[str, Any], notes: Mapping[str, Any], hand: Hand, assume: Assumptions
+) -> Iterator[ForeignGrasp]:
+    schema, frame = doc.shown(data.get("format_version")), _frame(data, "gripper_frame")
+    if schema.strip("'") not in ("1", "1.0"):
+        raise FileFormatError(f"has format_version {schema}; this version reads 1.0")
+    if not isinstance(data.get("grasps"), Mapping):
+        raise FileFormatError("grasps is not a mapping of grasps by name")
+    if frame is not None:
+        foreign.which_link(frame, [hand.body], "gripper_frame")
+    foreign.check_whole(notes, len(data["grasps"]))
+    numbering, noted = notes.get("joint_numbering", assume.joint_numbering), mapping(notes.get("grasps"))
+    for name, row in data["grasps"].items():
+        with doc.place(name):
+            yield _grasp(row, data, mapping(noted.get(name)), hand, numbering)
 
 
 def _grasp(row: object, data: Mapping[str, Any], notes: Mapping[str, Any], hand: Hand, numbering: int) -> ForeignGrasp:
@@ -130,31 +135,32 @@ def _grasp(row: object, data: Mapping[str, Any], notes: Mapping[str, Any], hand:
     quat = [doc.number(turned.get("w"), "orientation w"), *(xyz if isinstance(xyz, list) else [])]
     gripper = doc.pose_of(row.get("position"), quat, "gripper")
     joints = partial(foreign.pick_joints, names=hand.joint_names, numbering=numbering)
+    frame = _frame(data, "object_frame")
+    # The last part of a frame's path, /World/box_medium being box_medium.
+    named, label = (
+        None if f is None else str(f).rstrip("/").rsplit("/", 1)[-1] for f in (frame, notes.get("object_label"))
+    )
     return ForeignGrasp(
         joints(row.get("cspace_position"), what="cspace_position"),
         None if opened is None and not notes else joints(opened, what="pregrasp_cspace_position"),
         (gripper @ hand.X_body_hand).inverse(),
-        _frame(data, "object_frame"),
+        named,
         foreign.scale_of(row.get("object_scale", data.get("object_scale", 1.0)), "object_scale"),
         row.get("confidence"),
         notes,
+        None not in (named, label) and foreign.file_stem(str(named)) != foreign.file_stem(str(label)),
     )
 
 
 def _frame(data: Mapping[str, Any], key: str) -> str | None:
-    """Read the last part of a frame's path, ``/World/box_medium`` being ``box_medium``."""
     frame = data.get(key, data.get(f"{key}_link"))
-    return None if frame is None else str(frame).rstrip("/").rsplit("/", 1)[-1]
+    return None if frame is None else str(frame)
 
 
 def write_moveit(path: Path, document: GraspDocument, options: ExportOptions) -> None:
     """Write a list of messages."""
     grasps = document.grasps
     hand, names, columns, notes, each = _to_write(document, options, MOVEIT_CONVENTIONS)
-    for bent in (name for name in hand.wrist_joints if name in grasps.joint_names):
-        angles = np.array([grasps.posture, grasps.pregrasp])[..., grasps.joint_names.index(bent)]
-        if np.abs(angles).max(initial=0.0) > _STRAIGHT_RAD:
-            raise InputError(f"the grasps bend the wrist ({bent}); only a straight wrist can be written")
     placed = None if options.frame_id == "" else document.X_world_object
     wrist = hand.wrist_joints if options.parent_link == FOREARM else ()
     part = FOREARM if wrist else hand.body
@@ -202,9 +208,7 @@ def read_moveit(path: Path, assume: Assumptions) -> GraspDocument:
     notes, link, messages = mapping(data.get(KEY)), str(data.get("parent_link")), data["grasps"]
     hand = doc.hand_of(notes, assume.hand)
     links = [FOREARM, hand.body] if hand.wrist_joints else [hand.body]
-    part = next((name for name in links if link.endswith(name)), None)
-    if part is None:
-        raise FileFormatError(f"parent_link is {link!r}; only poses of {' or '.join(links)} can be read")
+    part = foreign.which_link(link, links, "parent_link")
     foreign.check_whole(notes, len(messages))
     numbering, placed = notes.get("joint_numbering", assume.joint_numbering), doc.world_pose(notes)
     rows = []
@@ -217,8 +221,10 @@ def read_moveit(path: Path, assume: Assumptions) -> GraspDocument:
                 for what in ("pre_grasp_posture", "grasp_posture")
             )
             X_hand_object, name = _object(message, mapping(noted), _link_in_hand(hand, part), placed)
-        quality = message.get("grasp_quality")
-        rows.append(ForeignGrasp(target, opened, X_hand_object, name, confidence=quality, notes=mapping(noted)))
+            quality, touched = message.get("grasp_quality"), message.get("allowed_touch_objects") or [name]
+            changed = mapping(noted).get("object_label", name) not in touched
+            grasp = ForeignGrasp(target, opened, X_hand_object, name, confidence=quality, notes=mapping(noted))
+            rows.append(replace(grasp, changed=changed))
     return foreign.foreign_document(rows, [notes], assume, hand)
 
 
@@ -248,7 +254,7 @@ def _angles(given: Mapping[str, Any], what: str, hand: Hand, link: str, numberin
     positions = doc.numbers(mapping(points[-1]).get("positions"), len(names), f"{what} positions")
     angles = dict(zip(map(str, names), positions, strict=True))
     wrist = tuple(foreign.numbered(hand.wrist_joints, numbering).values()) if link == FOREARM else ()
-    bent = [name for name, angle in angles.items() if name.endswith(wrist) and abs(angle) > _STRAIGHT_RAD]
+    bent = [name for name, angle in angles.items() if name.endswith(wrist) and abs(angle) > foreign.STRAIGHT_RAD]
     if bent:
         raise FileFormatError(f"{what} bends the wrist ({', '.join(bent)}); only a straight wrist can be read")
     return foreign.pick_joints(angles, hand.joint_names, what, numbering)

@@ -368,12 +368,12 @@ class Hand:
             raise FileFormatError(f"stored hand geometry lacks or garbles {error}") from error
 
 
-_LEFT = re.compile(r"(^|[^a-z])(lh|left)([^a-z]|$)", re.IGNORECASE)
+_LEFT = re.compile(r"(^|[^a-z])((lh|left)([^a-z]|$)|l([_/.:-]|$))", re.IGNORECASE)
 
 
-def is_left(prefix: str) -> bool:
-    """Tell whether what stands before a joint's name, such as ``lh_``, says that it is of a left hand."""
-    return _LEFT.search(prefix) is not None
+def is_left(name: str) -> bool:
+    """Tell whether a hand's name, or what stands before a joint's, such as ``lh_``, is that of a left hand."""
+    return _LEFT.search(name) is not None
 
 
 def digest(*parts: bytes | str | Mapping[str, Any]) -> str:

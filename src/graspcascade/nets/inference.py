@@ -16,7 +16,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from ..core.errors import FileFormatError, InputError, check_name
-from ..core.files import write_staged
+from ..core.files import parse_json, write_staged
 from . import vmf
 from .specs import Array, Array32, Fitted, HeadSpec, Standardisation, VaeSpec, components, concentration, normalised
 
@@ -290,8 +290,8 @@ def _parsed_header(path: Path, text: str | None) -> dict[str, Any]:
     if text is None:
         raise FileFormatError(f"{path}: a safetensors file, but not one of graspcascade's decoders")
     try:
-        header = json.loads(text)
-    except json.JSONDecodeError as error:
+        header = parse_json(text)
+    except FileFormatError as error:
         raise FileFormatError(f"{path}: its header is not JSON ({error})") from error
     version = header.get("schema_version") if isinstance(header, dict) else None
     if version != SCHEMA_VERSION:

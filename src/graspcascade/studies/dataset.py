@@ -296,7 +296,7 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     read = read_json(path)
     metadata: dict[str, Any] = read if isinstance(read, dict) else {}
     if (version := metadata.get("schema_version", SCHEMA_VERSION)) != SCHEMA_VERSION:
-        raise FileFormatError(f"{path} has schema version {version}; this version reads {SCHEMA_VERSION}")
+        raise FileFormatError(f"{path} has schema version {version!r}; this version reads {SCHEMA_VERSION}")
     check_record(metadata, _Metadata, path)
     return metadata
 

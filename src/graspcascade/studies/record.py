@@ -205,7 +205,7 @@ class Evaluation:
         if not is_evaluation(data):
             raise FileFormatError(f'not an evaluation: it lacks "kind": "{KIND}"')
         if data.get("schema_version") != SCHEMA_VERSION:
-            raise FileFormatError(f"schema version {data.get('schema_version')}; this version reads {SCHEMA_VERSION}")
+            raise FileFormatError(f"schema version {data.get('schema_version')!r}; this version reads {SCHEMA_VERSION}")
         try:
             kinds = {"model": str, "hand": str, "seed": int, "per_cell": int, "versions": dict, "model_metadata": dict}
             protocol, cells = Protocol.from_json(data["protocol_parameters"]), tuple(map(_cell, data["cells"]))

@@ -78,12 +78,14 @@ class Batch:
         name: stem of a downloaded file.
         metadata: what a file says of their origin.
         X_world_object: object pose that a file was written for, None where there was none.
+        notes: what a user should be told of the file.
     """
 
     grasps: Grasps
     name: str
     metadata: dict[str, Any] = field(default_factory=dict)
     X_world_object: Pose | None = None
+    notes: tuple[str, ...] = ()
 
 
 def sample_batch(proposal: Proposal, hand: Hand, request: SampleRequest) -> Batch:
@@ -103,7 +105,7 @@ def file_batch(path: Path, hand: Hand, trust_pickle: bool = False) -> Batch:
     Pickled files, which run whatever code they carry, are read only where they are trusted.
     """
     document = load_executable(path, hand, trust_pickle=trust_pickle)
-    return Batch(_ordered(document.grasps, hand), path.stem, document.metadata, document.X_world_object)
+    return Batch(_ordered(document.grasps, hand), path.stem, document.metadata, document.X_world_object, document.notes)
 
 
 def _ordered(grasps: Grasps, hand: Hand) -> Grasps:

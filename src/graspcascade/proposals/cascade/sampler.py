@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import MAX_SEED, FileFormatError, InputError, check_name, check_whole, unknown
+from ...core.files import read_json
 from ...core.grasps import Grasps
 from ...core.objects import GraspObject, as_object
 from ...core.poses import Pose, canonical_quat
@@ -276,7 +276,7 @@ def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:
     if not path.is_file():
         return {}
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = read_json(path)
         about = data.get("model_metadata", {})
         weights, sizes = about.get("weights"), about.get("sizes", sampler.size_mode)
         protocol, rates = str(data["protocol"]), {}
