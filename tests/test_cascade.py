@@ -73,7 +73,7 @@ def pretend_all_held(grasps: Grasps) -> Dataset:
         X_hand_object_settled=grasps.X_hand_object,
         object_size_m=grasps.side_m + 0.012,
     )
-    return Dataset(grasps, outcomes, None, {"protocol": PAPER.to_json(), "seed": 0})
+    return Dataset(grasps, outcomes, {"protocol": PAPER.to_json(), "seed": 0})
 
 
 @pytest.fixture(scope="module")
@@ -330,7 +330,7 @@ def test_rare_cells_are_repeated_until_they_have_as_many_as_the_median(
 
 
 def test_too_few_successes_are_refused(dataset: Dataset) -> None:
-    few = Dataset(dataset.grasps[:50], dataset.outcomes[:50], None, dataset.metadata)
+    few = Dataset(dataset.grasps[:50], dataset.outcomes[:50], dataset.metadata)
     with pytest.raises(InputError, match="at least 100"):
         fit_cascade(HAND, few, FACTORIZATIONS["model3"], TINY)
 

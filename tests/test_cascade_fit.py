@@ -49,7 +49,7 @@ def dataset(hand: Hand, prior: PosturePrior) -> Dataset:
     kinds, objects = rng.choice(list(GRASP_TYPES), 200), rng.choice(list(CATALOGUE), 200)
     cells = [(CATALOGUE[name], GRASP_TYPES[kind]) for name, kind in zip(objects, kinds, strict=True)]
     grasps = place(hand, prior.sample(kinds, rng), draw_tasks(cells, 1, hand.reach_m, rng), rng)
-    return Dataset(grasps, all_held(grasps), None, {"protocol": PAPER.to_json(), "seed": 0})
+    return Dataset(grasps, all_held(grasps), {"protocol": PAPER.to_json(), "seed": 0})
 
 
 Told = list[tuple[str, EpochRecord]]
@@ -122,7 +122,7 @@ def test_a_negative_number_of_workers_is_refused(hand: Hand, dataset: Dataset) -
 
 
 def test_a_dataset_of_another_model_of_the_hand_is_refused(hand: Hand, dataset: Dataset) -> None:
-    other = Dataset(dataset.grasps, dataset.outcomes, None, dataset.metadata | {"hand_fingerprint": "0123"})
+    other = Dataset(dataset.grasps, dataset.outcomes, dataset.metadata | {"hand_fingerprint": "0123"})
     with pytest.raises(InputError, match="another model of the hand"):
         fit_cascade(hand, other, MODEL3, TINY)
 
@@ -136,7 +136,7 @@ def test_what_does_not_suit_is_refused_before_the_training(
 ) -> None:
     grasps = dataclasses.replace(dataset.grasps, hand=hand_name or hand.name)
     with pytest.raises(InputError, match=message):
-        fit_cascade(hand, Dataset(grasps, dataset.outcomes, None, metadata), MODEL3, TINY)
+        fit_cascade(hand, Dataset(grasps, dataset.outcomes, metadata), MODEL3, TINY)
 
 
 def test_errors_of_a_stage_arrive_as_they_are(hand: Hand, dataset: Dataset) -> None:

@@ -147,6 +147,47 @@ def test_conditions_of_another_number_of_trials_are_refused(some: Grasps, short:
         run_trials(some, short, conditions=Conditions.of(short.physics, 3))
 
 
+def test_a_size_error_that_leaves_nothing_of_an_object_is_refused(some: Grasps, short: Protocol) -> None:
+    spheres = with_objects(some[:2], [as_object("box_small"), as_object("box:45x45x45mm")])
+    conditions = Conditions.of(short.physics, 2, size_error_m=[-0.001, -0.045])
+    with pytest.raises(
+        InputError, match=r"trial 1: a size error of -0.045 m leaves nothing .* 0.045 m of box:45x45x45mm"
+    ):
+        run_trials(spheres, short, conditions=conditions)
+
+
+@pytest.mark.parametrize("changes", [{"density_factor": 1e-9}, {"size_error_m": -0.0199999}])
+def test_an_object_too_small_or_too_light_for_the_engine_is_refused(
+    some: Grasps, short: Protocol, changes: dict
+) -> None:
+    small = with_objects(some[:1], [replace(as_object("box_small"), density_kg_m3=1.0)])
+    with pytest.raises(InputError, match=r"box_small of .* kg/m3, .* m larger, cannot be simulated: ") as caught:
+        run_trials(small, short, conditions=Conditions.of(short.physics, 1, **changes))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "says"),
+    [
+        ("posture", np.nan, "posture is not finite"),
+        ("pregrasp", np.inf, "pregrasp is not finite"),
+        ("posture", 57.3, "posture has an angle of .* looks like degrees"),
+        ("position_m", 1000.0, "centre is .* m from the palm, .* millimetres"),
+        ("position_m", np.nan, "position_m is not finite"),
+        ("quat_wxyz", 3.0, r"must have norm 1, got norm 3"),
+        ("quat_wxyz", 0.0, r"must have norm 1, got norm 0"),
+    ],
+)
+def test_numbers_that_are_no_grasp_are_not_tried(
+    some: Grasps, short: Protocol, column: str, factor: float, says: str
+) -> None:
+    columns = some.columns()
+    columns[column] = columns[column] + factor if np.isinf(factor) else columns[column] * factor
+    wrong = Grasps.from_columns(some.hand, some.joint_names, some.tasks, columns)
+    with pytest.raises(InputError, match=f"^grasp 0: .*{says}"):
+        run_trials(wrong, short)
+
+
 # -- objects of any size
 
 

@@ -183,6 +183,7 @@ def test_a_trial_that_breaks_is_unstable_and_its_companions_do_not_notice(
     else:
         position[2] = np.nan if broken == "position" else 1e12
     bad = replace(with_object_at(some, position), posture=posture)
+    monkeypatch.setattr(runner, "check_trials", lambda *_: None)  # which refuses such grasps
     tried = run_trials(bad, short, n_slots=1)
     assert tried.verdict[2] == "unstable"
     assert not tried.held[2]

@@ -229,7 +229,7 @@ def test_commands_are_the_targets_of_the_hands_actuators_within_their_ranges(han
 
 
 def test_commands_beyond_an_actuators_range_end_at_its_limit(hand: Hand, drawn: Grasps) -> None:
-    far = rebuilt(drawn, posture=np.full_like(drawn.posture, 9.0)).controls(hand)
+    far = rebuilt(drawn, posture=np.full_like(drawn.posture, 4.0)).controls(hand)
     assert far["FFJ0"].tolist() == pytest.approx([np.pi] * len(drawn))
     assert far["FFJ3"].tolist() == pytest.approx([np.pi / 2] * len(drawn))
 
@@ -334,6 +334,19 @@ def test_a_scalar_column_that_is_a_table_is_refused(name: str) -> None:
     grasps = make_grasps(3)
     with pytest.raises(InputError, match=rf"column {name} has shape \(3, 1\), expected \(3,\)"):
         rebuilt(grasps, **{name: grasps.columns()[name][:, None]})
+
+
+def test_columns_may_be_lists_of_numbers_and_nothing_else() -> None:
+    grasps = make_grasps(3)
+    assert_same_grasps(rebuilt(grasps, **{name: column.tolist() for name, column in grasps.columns().items()}), grasps)
+    with pytest.raises(InputError, match="column posture must be numbers: could not convert"):
+        rebuilt(grasps, posture=np.full(grasps.posture.shape, "bent"))
+
+
+@pytest.mark.parametrize(("angle", "says"), [(70.0, "this looks like degrees"), (np.nan, "posture is not finite")])
+def test_angles_that_are_no_radians_are_not_commanded(hand: Hand, drawn: Grasps, angle: float, says: str) -> None:
+    with pytest.raises(InputError, match=f"grasp 0: .*{says}"):
+        rebuilt(drawn, posture=np.full_like(drawn.posture, angle)).controls(hand)
 
 
 def test_a_single_pose_cannot_stand_for_three_grasps() -> None:

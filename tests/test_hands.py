@@ -17,11 +17,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from graspcascade.core.errors import FileFormatError, InputError
+from graspcascade.core.objects import as_object
 from graspcascade.core.poses import canonical_quat, quat_conjugate, quat_multiply, quat_to_matrix, rotate
+from graspcascade.core.protocols import PAPER
 from graspcascade.core.taxonomy import DIGITS, GRASP_TYPES
 from graspcascade.hands import Hand, Kinematics, load_hand, read_spec
 from graspcascade.hands.kinematics import Link
 from graspcascade.proposals.cascade.sampler import GraspSampler
+from graspcascade.worlds.world import build_world
 from hand_files import SHADOW_FILE, SHADOW_MJCF, actuator_line, edited, shadow_entries, write_hand
 
 DATA = Path(__file__).parent / "data"
@@ -375,6 +378,21 @@ BELOW_ANOTHER["ring"] = {"root": "mfmiddle", "tip": BELOW_ANOTHER["middle"]["tip
 TIP_ELSEWHERE = shadow_entries()["digits"]
 TIP_ELSEWHERE["ring"]["tip"]["body"] = "mfdistal"
 PLACES = shadow_entries()["places"]
+MIDDLE_LESS = {name: place for name, place in PLACES.items() if not name.startswith("ring")}
+
+
+def with_place(name: str, **changes: Any) -> dict[str, Any]:
+    """Change a contact place, or add one that is otherwise like the index finger's pad."""
+    return {"places": PLACES | {name: PLACES.get(name, PLACES["index_pad"]) | changes}}
+
+
+def with_tip(**changes: Any) -> dict[str, Any]:
+    digits = shadow_entries()["digits"]
+    digits["index"]["tip"] |= changes
+    return {"digits": digits}
+
+
+NAN = float("nan")
 
 
 @pytest.mark.parametrize(
@@ -390,7 +408,7 @@ PLACES = shadow_entries()["places"]
         ({"base": "shadwo"}, "unknown base hand 'shadwo'. Did you mean 'shadow'"),
         ({"base": ["shadow"]}, "unknown base hand"),
         ({"digits": TWO_ON_ONE_ROOT}, "two digits have the same root mfknuckle"),
-        ({"digits": BELOW_ANOTHER}, "the ring hangs from the middle"),
+        ({"digits": BELOW_ANOTHER, "places": MIDDLE_LESS}, "the ring hangs from the middle"),
         ({"digits": TIP_ELSEWHERE}, "the tip of the ring is on mfdistal, which does not hang from its root rfknuckle"),
         ({"digits": shadow_entries()["digits"] | {"pinky": {}}}, "missing required field `root`"),
         (
@@ -399,18 +417,43 @@ PLACES = shadow_entries()["places"]
         ),
         ({"digits": {"index": shadow_entries()["digits"]["index"]}}, "need a thumb and at least one finger"),
         ({"digits": {}}, "need a thumb and at least one finger"),
+        (with_place("thumb_pad", normal=[0, -2, 0]), "the normal of thumb_pad has length 2; it must be 1"),
+        (with_place("thumb_pad", normal=[0, NAN, 0]), "Expected `float`, got `str`"),
+        (with_place("thumb_pad", normal=[0, 1, 0]), "the normal of thumb_pad points into thdistal"),
+        (with_place("index_pad", normal=[0, 1, 0]), "the normal of index_pad points into ffdistal"),
+        (with_place("index_side", point_m=[0, 0.007, 0.019], normal=[0, 1, 0]), r"the place index_side faces .*not -y"),
+        (with_place("index_pad", point_m=[0, -6.63, 19.0]), r"point_m of places.index_pad is 20.* millimetres"),
+        (with_place("index_pad", point_m=[0, NAN, 0.019]), "Expected `float`, got `str`"),
+        (with_tip(point_m=[0, 0, 26]), r"point_m of digits.index.tip is 26 m .*this looks like millimetres"),
+        (with_tip(point_m=[0, 0, 0.26]), r"point_m of digits.index.tip is 0.26 m .* not within 0.1 m$"),
+        ({"surface_points": {"nail": {"body": "ffdistal", "point_m": [0, 0, 26]}}}, "of surface_points.nail is 26 m"),
         (
-            {"places": PLACES | {"thumb_pad": PLACES["thumb_pad"] | {"normal": [0, -2, 0]}}},
-            "the normal of thumb_pad has length 2; it must be 1",
+            with_place("index_pad", body="thdistal"),
+            "index_pad is on thdistal, which does not hang from the index's root",
+        ),
+        (with_place("index_pad", body="palm"), "index_pad is on palm, which does not hang from the index's root"),
+        (with_place("thumb_pad", body="forearm"), "forearm does not hang from the palm body 'palm'"),
+        (with_place("thumb_pad", body="thdistl"), r"lacks thdistl \(of places.thumb_pad; did you mean 'thdistal'\?\)"),
+        ({"palm_bodies": []}, "palm_bodies must name one body or more, each once"),
+        ({"palm_bodies": ["palm", "palm"]}, "palm_bodies must name one body or more, each once"),
+        ({"palm_bodies": ["palm", "ffdistal"]}, "palm_bodies names ffdistal, which is of the index"),
+        ({"palm_bodies": ["world"]}, "palm_bodies names world, which is of no hand"),
+        (
+            {"frame": {"body": "forearm"}},
+            "WRJ2, WRJ1 moves the wrist below the palm body 'forearm'; give as frame.body",
         ),
         (
-            {"places": PLACES | {"thumb_pad": PLACES["thumb_pad"] | {"body": "forearm"}}},
-            "forearm does not hang from the palm body 'palm'",
+            {"frame": {"body": "forearm"}, "wrist_joints": [], "joints": [*shadow_entries()["joints"], "WRJ2", "WRJ1"]},
+            "WRJ2, WRJ1 moves the wrist below the palm body 'forearm'",
         ),
-        ({"places": PLACES | {"thumb_pad": PLACES["thumb_pad"] | {"body": "thumbtip"}}}, "lacks thumbtip"),
+        *(({"name": name}, "name must be 1 to 100 printable") for name in ("", " ", "a\nb", "\u202e", "x" * 101)),
+        ({"pregrasp_rad": {"THJ4": 70.0}}, "pregrasp_rad of THJ4 is 70 rad, not within .*this looks like degrees"),
+        ({"pregrasp_rad": {"THJ4": -3.0}}, r"pregrasp_rad of THJ4 is -3 rad, not within 0 to 1.222 rad$"),
+        ({"pregrasp_rad": {"THJ4": NAN}}, "Expected `float`, got `str`"),
+        ({"wrist_joints": ["WRJ2", "WRJ1", "WRJ1"]}, "joints must name each joint once, got WRJ1"),
         ({"pregrasp_rad": {"THJ9": 1.0}}, "pregrasp_rad names THJ9, which joints does not list"),
-        ({"reach_m": -0.065}, "reach_m must be 0.001 to 1 m, got -0.065"),
-        ({"reach_m": 65.0}, "reach_m must be 0.001 to 1 m, got 65"),
+        *(({"reach_m": wrong}, "reach_m must be 0.001 to 0.25 m, got ") for wrong in (-0.065, 65.0, 0.65)),
+        ({"reach_m": NAN}, "Expected `float`, got `str`"),
         ({"joints": []}, "joints must name each joint once"),
         ({"joints": [*shadow_entries()["joints"], "FFJ4"]}, "joints must name each joint once, got FFJ4"),
         ({"joints": [*shadow_entries()["joints"], "WRJ1"]}, "got WRJ1"),
@@ -458,11 +501,13 @@ def test_a_model_without_the_described_parts_is_refused_by_their_names(tmp_path:
         load_hand(write_hand(tmp_path, without))
     assert "thhub" not in str(caught.value), "a body that the hand file does not speak of may have any name"
     without = edited(('"thdistal"', '"tip"'), ('"lfmetacarpal"', '"meta"'))
-    with pytest.raises(InputError, match=r"lacks lfmetacarpal, thdistal"):
+    with pytest.raises(InputError, match=r"lacks lfmetacarpal \(of palm_bodies.*, thdistal \(of digits.thumb.tip"):
         load_hand(write_hand(tmp_path, without))
 
 
 TENDON = '<fixed name="FFJ0"><joint joint="FFJ2" coef="1"/><joint joint="FFJ1" coef="1"/></fixed>'
+PAIR = '<fixed name="FFJ0"><joint joint="FFJ2" coef="{}"/><joint joint="FFJ1" coef="{}"/></fixed>'
+BENDER = '<position name="FFJ3" joint="FFJ3" '
 INDEX_TIP = '<joint name="FFJ1" class="curl"/>'
 THUMB_TIP = '<joint name="THJ1" range="-0.2617993877991494 1.5707963267948966"/>'
 FLOOR = '<worldbody><geom name="floor" type="plane" size="1 1 0.1"/>'
@@ -490,6 +535,34 @@ MUG = '<worldbody><body name="mug"><freejoint/><geom type="sphere" size="0.02"/>
             ],
             "joint THJ1 has no range",
         ),
+        (
+            [(actuator_line("FFJ3"), '<intvelocity name="FFJ3" joint="FFJ3" kp="1" actrange="-1 1"/>')],
+            "actuator FFJ3 is no position servo",
+        ),
+        ([(BENDER, BENDER + 'timeconst="2" ')], "actuator FFJ3 is no position servo .* time constant"),
+        ([(BENDER, BENDER + 'gear="0" ')], "actuator FFJ3 does not move FFJ3: its gear, or the tendon's coeff"),
+        ([(TENDON, PAIR.format(0, 0))], "actuator FFJ0 does not move FFJ2, FFJ1: its gear"),
+        ([(TENDON, PAIR.format(1, 0))], "actuator FFJ0 does not move FFJ1: its gear"),
+        ([("</actuator>", '<position name="more" joint="FFJ3" kp="1"/></actuator>')], "joint FFJ3 is driven twice"),
+        ([("</tendon>", '</tendon><equality><joint joint1="MFJ3" joint2="FFJ3"/></equality>')], "MFJ3 is driven twice"),
+        ([(BENDER, '<position joint="FFJ3" ')], "actuator .* needs a name that begins with the prefix ''"),
+        (
+            [("</tendon>", '</tendon><equality><joint name="lock" joint1="FFJ3"/></equality>')],
+            "equality lock does not tie",
+        ),
+        (
+            [("</tendon>", '</tendon><equality><joint name="tie" joint1="LFJ5" joint2="WRJ1"/></equality>')],
+            "equality tie does not tie one joint of a posture to another",
+        ),
+        (
+            [("</tendon>", '</tendon><equality><weld body1="ffdistal" body2="thdistal"/></equality>')],
+            "equality 0 does not tie one joint of a posture to another; nothing else is supported",
+        ),
+        ([("ffproximal", "object")], "has bodies named 'object', as trials call theirs"),
+        (
+            [("<worldbody>", '<worldbody><body name="more"><joint/><geom type="sphere" size="0.01"/></body>')],
+            "is a scene",
+        ),
         ([('<joint name="FFJ3"', '<joint name="FFJ3" type="slide"')], "FFJ3 is not a hinge"),
         ([('<joint name="FFJ3"', '<joint name="FFJ3" pos="0 0 0.01"')], "FFJ3 is not a hinge at the origin"),
         ([("<worldbody>", FLOOR)], "model.xml is a scene: it also holds floor"),
@@ -505,6 +578,16 @@ def test_a_model_that_trials_cannot_use_is_refused_with_what_to_do(
     with pytest.raises(InputError, match=says) as caught:
         load_hand(write_hand(tmp_path, edited(*changes)))
     assert "\n" not in str(caught.value)
+
+
+def test_what_has_no_effect_on_trials_does_not_stand_in_their_way(tmp_path: Path, hand: Hand) -> None:
+    keys = f'<keyframe><key name="open" qpos="{"0 " * 24}" ctrl="{"0 " * 20}"/></keyframe>'
+    sensors = '<sensor><jointpos name="touch_index" joint="FFJ3"/></sensor>'
+    tie = '<equality><joint joint1="MFJ3" joint2="WRJ1" active="false"/></equality>'
+    other = load_hand(write_hand(tmp_path, edited(("</mujoco>", keys + sensors + tie + "</mujoco>"))))
+    assert other.couplings == hand.couplings
+    ours, theirs = (build_world(each, as_object("box_small"), PAPER.physics).model for each in (hand, other))
+    assert (theirs.nsensor, theirs.nkey, theirs.neq, theirs.nq) == (ours.nsensor, 0, 0, ours.nq)
 
 
 def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
@@ -610,7 +693,7 @@ def test_a_palm_frame_that_points_elsewhere_is_refused_until_the_hand_frame_is_g
 
 
 def test_a_hand_frame_whose_palm_faces_the_wrong_way_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"the fingers' pads face .* of the hand frame, not -y"):
+    with pytest.raises(InputError, match=r"the place index_pad faces .* of the hand frame, not -y"):
         load_hand(write_hand(tmp_path, frame={"body": "palm", "quat_wxyz": [0, 0, 0, 1]}))
 
 

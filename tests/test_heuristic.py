@@ -82,6 +82,29 @@ def test_a_site_off_the_objects_centre_comes_to_lie_midway_between_the_opposing_
     np.testing.assert_allclose(np.abs((along * line).sum(axis=1)), 1, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    "site",
+    [
+        Site((1.0, 0.0, 0.0), 0.02),
+        Site((1.0, 0.0, 0.0), 0.03, (0.0, 0.05, 0.0)),
+        Site((1.0, 0.0, 0.0), 0.03, (0.01, 0.0, 0.0)),
+        Site((0.6, 0.8, 0.0), 0.03),
+    ],
+    ids=["of another width", "beside the object", "not midway", "oblique"],
+)
+def test_a_site_that_does_not_end_on_the_objects_surface_is_refused(
+    hand: Hand, prior: PosturePrior, site: Site
+) -> None:
+    tasks = Tasks.of([Task(GRASP_TYPES["tripod"], CATALOGUE["box_medium"], site)])
+    with pytest.raises(InputError, match=r"cm wide, does not end on the surface of box_medium; its sides: x = 3 cm"):
+        Heuristic(hand, prior).propose(tasks, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("obj", [*CATALOGUE.values(), as_object("sphere:1mm"), as_object("box:1x1000x1000mm")])
+def test_every_side_of_an_object_ends_on_its_surface(obj: GraspObject) -> None:
+    assert all(obj.shape.has_site(site) for site in obj.sites().values())
+
+
 def test_the_free_angle_is_uniform(hand: Hand, prior: PosturePrior) -> None:
     n = 4000
     rng = np.random.default_rng(0)

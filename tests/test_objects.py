@@ -532,6 +532,8 @@ def test_sizes_may_be_written_as_people_write_them(written: str, shape: Shape) -
         ("sphere:1e400mm", "extents are 1 mm to 1 m"),
         ("sphere:nanmm", "is not the size of an object; sizes are like box:32x41x60mm"),
         ("sphere:infmm", "is not the size of an object"),
+        ("sphere:4 0mm", "is not the size of an object"),
+        ("box:3 2x41x60mm", "is not the size of an object"),
         ("sphere:4e0e1mm", "no number"),
         ("box:32xx41x60mm", "no number"),
         ("box:32*41*60mm", "is not the size of an object"),
@@ -590,10 +592,21 @@ def test_extents_that_are_no_objects_are_refused(shape: type[Shape], extent_m: f
             GraspObject("thing", shape(*sizes))
 
 
-@pytest.mark.parametrize("density", [0.0, -600.0, np.nan, np.inf])
-def test_a_density_must_be_positive(density: float) -> None:
-    with pytest.raises(InputError, match="the density of thing must be above 0"):
+@pytest.mark.parametrize("density", [0.0, -600.0, np.nan, np.inf, 0.6, 1e-9, 1e300])
+def test_a_density_is_that_of_some_matter(density: float) -> None:
+    with pytest.raises(InputError, match=r"the density of thing is .* kg/m3; densities are 1 to 30000 kg/m3"):
         GraspObject("thing", Sphere(0.04), density)
+
+
+@pytest.mark.parametrize("shape", [Box(0.031, 0.04, 0.05), Sphere(0.01), Box(0.01, 0.01, 0.0101)])
+def test_a_name_that_spells_another_size_is_refused(shape: Shape) -> None:
+    with pytest.raises(InputError, match=r"an object named box:10x10x10mm is a (box|sphere):.*; give it another name"):
+        GraspObject("box:10x10x10mm", shape)
+
+
+def test_a_name_may_hold_a_colon_and_a_spelled_size_its_own_density() -> None:
+    assert GraspObject("obj:3", Sphere(0.01)).name == "obj:3"
+    assert GraspObject("BOX: 1x1x1cm".replace(" ", ""), Box(0.01, 0.01, 0.01), 7800.0).density_kg_m3 == 7800.0
 
 
 # -- objects in files
@@ -612,6 +625,10 @@ def test_an_object_survives_the_way_through_a_file(shape: Shape, density: float)
         ({"shape": ["box"], "extents_m": [0.04] * 3}, "unknown shape"),
         ({"extents_m": [0.04] * 3}, "unknown shape None"),
         ({"shape": "box"}, "three extents"),
+        (
+            {"shape": "box", "extents_m": [0.04] * 3, "density": 7800},
+            "unknown entry of object mine 'density'. Did you mean",
+        ),
         ({"shape": "box", "extents_m": [0.04, 0.04]}, "three extents"),
         ({"shape": "box", "extents_m": "4 4 4"}, "three extents"),
         ({"shape": "box", "extents_m": [0.04, True, 0.04]}, "three extents"),

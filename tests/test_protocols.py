@@ -371,16 +371,27 @@ def test_one_error_may_be_given_for_all_trials_or_one_each() -> None:
         ({"frictoin": 0.5}, "unknown condition of a trial 'frictoin'. Did you mean 'friction'"),
         ({"friction": [0.5, 0.6]}, r"friction of 3 trials has shape \(2,\), expected \(3,\)"),
         ({"position_error_m": [0.1, 0.2]}, r"position_error_m of 3 trials has shape \(2,\), expected \(3, 3\)"),
-        ({"friction": -0.1}, "friction must be positive, got -0.1"),
-        ({"density_factor": 0.0}, "density_factor must be positive"),
-        ({"gain_factor": [1.0, 1.0, 0.0]}, "gain_factor must be positive"),
-        ({"size_error_m": np.nan}, "size_error_m must be finite"),
-        ({"rotation_error_rad": np.inf}, "rotation_error_rad must be finite"),
+        ({"friction": -0.1}, "friction must be 0 to 1000, got -0.1"),
+        ({"friction": "a"}, "friction must be numbers: could not convert string"),
+        ({"friction": 1 + 0j}, "friction must be numbers"),
+        ({"friction": None}, "friction must be 0 to 1000, got nan"),
+        ({"density_factor": 0.0}, "density_factor must be 1e-09 to 1e\\+09, got 0"),
+        ({"gain_factor": [1.0, 1.0, 0.0]}, "gain_factor must be 1e-09 to 1e\\+09, got 0"),
+        ({"size_error_m": np.nan}, "size_error_m must be -0.05 to 0.05, got nan"),
+        ({"size_error_m": 1.0}, "size_error_m must be -0.05 to 0.05, got 1"),
+        ({"rotation_error_rad": np.inf}, "rotation_error_rad must be -3.142 to 3.142, got inf"),
+        ({"rotation_error_rad": 30.0}, "rotation_error_rad must be -3.142 to 3.142, got 30"),
+        ({"position_error_m": 5.0}, "position_error_m must be -1 to 1, got 5"),
     ],
 )
 def test_conditions_that_cannot_be_are_refused(columns: dict, says: str) -> None:
     with pytest.raises(InputError, match=says):
         Conditions.of(Physics(), 3, **columns)
+
+
+def test_columns_of_conditions_may_be_lists() -> None:
+    lists = Conditions([0.8, 0.7], [1, 1], [1, 1], [[0, 0, 0]] * 2, [[0, 0, 0]] * 2, [0, 0])  # type: ignore[arg-type]
+    assert lists[[1]].friction.tolist() == [0.7]
 
 
 # A really moving base

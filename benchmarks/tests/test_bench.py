@@ -286,10 +286,11 @@ def test_timing_the_parts_of_a_step_leaves_the_runners_worlds_alone(
 
 def test_the_yardstick_of_sampling_does_every_layer(monkeypatch: pytest.MonkeyPatch) -> None:
     shapes: list[tuple[int, ...]] = []
-    products = matrix_products(GraspSampler.pretrained().decoders, 5)
+    decoders = GraspSampler.pretrained().decoders
+    products = matrix_products(decoders, 5)
     monkeypatch.setattr("numpy.matmul", lambda a, b, out: shapes.append((*a.shape, *b.shape)))
     products()
-    widths = [layer.matrix.shape for d in GraspSampler.pretrained().decoders.values() for layer in d.layers]
+    widths = [layer.matrix.shape for d in decoders.values() for layer in d.layers]
     assert shapes == [(5, width[0], *width) for width in widths]
 
 

@@ -6,6 +6,9 @@ import difflib
 from collections.abc import Collection, Iterable
 from numbers import Integral
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 MAX_SEED = 2**63 - 1
 
 
@@ -20,10 +23,22 @@ class FileFormatError(InputError):
 def unknown(kind: str, given: object, valid: Iterable[str]) -> InputError:
     """Build the error for an unknown name of a kind ("grasp type"), with the nearest of the valid ones."""
     names = list(valid)
-    near = difflib.get_close_matches(str(given)[:200].lower().replace(" ", "_"), names, n=1, cutoff=0.5)
-    hint = f" Did you mean {near[0]!r}?" if near else ""
+    hint = f" Did you mean {near!r}?" if (near := nearest(str(given).lower().replace(" ", "_"), names)) else ""
     said = repr(shortened(given)) if isinstance(given, str) else shortened(repr(given))
     return InputError(f"unknown {kind} {said}.{hint} Valid: {', '.join(names)}.")
+
+
+def nearest(given: str, valid: Iterable[str]) -> str | None:
+    """Find the valid name most like the one given, None where none is like it."""
+    return next(iter(difflib.get_close_matches(given[:200], list(valid), n=1, cutoff=0.5)), None)
+
+
+def as_numbers(name: str, given: ArrayLike) -> NDArray[np.float64]:
+    """Read numbers as an array of floats, or raise an `InputError` that names them."""
+    try:
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be numbers: {shortened(str(error))}") from error
 
 
 def shortened(text: str) -> str:

@@ -9,11 +9,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InputError
+from .errors import InputError, as_numbers
 from .poses import Pose, canonical_quat, quat_multiply
 from .tasks import Tasks
 
 Array = NDArray[np.float64]
+_FURTHEST_M, _NONE = 1.0, np.zeros(0)
 
 
 class Commanded(Protocol):
@@ -63,10 +64,14 @@ class Grasps:
     def __post_init__(self) -> None:
         joints = (len(self.joint_names),)
         width = {"posture": joints, "pregrasp": joints, "position_m": (3,), "quat_wxyz": (4,)}
-        for name, column in self.columns().items():
+        columns = {name: as_numbers(f"column {name}", column) for name, column in self.columns().items()}
+        for name, column in columns.items():
             expected = (len(self), *width.get(name, ()))
-            if np.shape(column) != expected:
-                raise InputError(f"column {name} has shape {np.shape(column)}, expected {expected}")
+            if column.shape != expected:
+                raise InputError(f"column {name} has shape {column.shape}, expected {expected}")
+        pose = Pose(columns.pop("position_m"), columns.pop("quat_wxyz"))
+        for name, value in [*columns.items(), ("X_hand_object", pose)]:
+            object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         """Count the grasps."""
@@ -154,9 +159,10 @@ class Grasps:
             wrist, all within the control range.
 
         Raises:
-            InputError: the grasps lack joints of the hand.
+            InputError: the grasps lack joints of the hand, or angles are no radians (see `check_numbers`).
         """
-        angles = self.pregrasp if opened else self.posture
+        name, angles = ("pregrasp", self.pregrasp) if opened else ("posture", self.posture)
+        check_numbers({name: angles})
         return hand.controls(dict(zip(self.joint_names, angles.T, strict=True)))
 
     def symmetric_copies(self, turns: int = 8) -> Grasps:
@@ -174,6 +180,50 @@ class Grasps:
             parts.append(Grasps.from_columns(self.hand, self.joint_names, copies.tasks, columns))
             order.append(np.repeat(places, len(group)))
         return Grasps.concatenate(parts)[np.argsort(np.concatenate(order), kind="stable")] if parts else self
+
+
+def check_numbers(columns: Mapping[str, Array]) -> None:
+    """Check columns of grasps, named as in `Grasps.columns` or ``side_m``, whatever the hand.
+
+    Raises:
+        InputError: the first grasp whose number is not finite, no length, no chance, or of another unit.
+    """
+
+    def refuse(rows: NDArray[np.bool_], what: str, values: Array = _NONE) -> None:
+        for row in np.flatnonzero(rows)[:1].tolist():
+            raise InputError(f"grasp {row}: {what.format(*values[row : row + 1])}")
+
+    unknowable = ("grasp_size_m", "object_size_m", "probability")  # not-a-number is unknown there
+    for name in ("posture", "pregrasp", "position_m", "quat_wxyz", "side_m", *unknowable):
+        if name not in columns:
+            continue
+        column = columns[name]
+        rows = column.reshape(len(column), int(np.prod(column.shape[1:])))
+        with np.errstate(over="ignore"):  # what is too large for a float is refused like anything else
+            largest, norm = np.abs(rows).max(axis=1, initial=0.0), np.linalg.norm(rows, axis=1)
+        if name in unknowable:
+            refuse(np.isinf(column) | (column < 0), f"{name} is not a length or chance")
+        else:
+            refuse(~np.isfinite(rows).all(axis=1), f"{name} is not finite")
+        if name in ("posture", "pregrasp"):
+            what = f"{name} has an angle of {{:g}}, but angles are radians; this looks like degrees"
+            refuse(largest > 2 * np.pi, what, largest)
+        elif name == "position_m":
+            what = "the object's centre is {:g} m from the palm, but lengths are metres; these look like millimetres"
+            refuse(norm > _FURTHEST_M, what, norm)
+        elif name == "quat_wxyz":
+            refuse(
+                np.asarray(np.abs(norm - 1.0) > 1e-3),
+                "the quaternion (qw qx qy qz) must have norm 1, got norm {:.4g}",
+                norm,
+            )
+        elif name == "probability":
+            refuse(column > 1, "probability is above 1")
+        else:
+            what = f"{name} is {{:g}}, but lengths are metres; this looks like centimetres or millimetres"
+            refuse(column > _FURTHEST_M, what, column)
+            if name == "side_m":
+                refuse(column <= 0, "side_m is not a positive length")
 
 
 def batch_index(rows: Any) -> Any:

@@ -20,8 +20,8 @@ Vector = tuple[float, float, float]
 AXES: tuple[str, ...] = ("x", "y", "z")
 DENSITY_KG_M3 = 600.0
 """Density of an object of which nothing else is known."""
-SIZES_M = (0.001, 1.0)
-"""Extents outside these bounds are taken for a slip of the unit."""
+SIZES_M, DENSITIES_KG_M3 = (0.001, 1.0), (1.0, 30_000.0)
+"""Extents and densities outside these bounds are taken for a slip of the unit."""
 
 _BASIS: Mapping[str, Vector] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _HALF_TURNS = np.eye(4)  # identity, then half-turns about x, y and z, as quaternions
@@ -116,6 +116,16 @@ class Shape(ABC):
         group = as_quat(Rotation.create_group(self._rotations.format(turns=turns)))
         return group[np.argsort(np.abs(group[:, 0]) < 1 - 1e-9, kind="stable")]
 
+    def has_site(self, site: Site) -> bool:
+        """Tell whether both ends of a site lie on the surface, to 2 mm or a quarter of its width."""
+        half, slack = site.width_m / 2, min(0.002, site.width_m / 4)
+        along = np.multiply.outer([-half - slack, slack - half, half - slack, half + slack], site.axis)
+        squares = (2 * (along + site.centre_m) / self.extents_m) ** 2
+        # Axes of one length are round about each other: their squares are summed.
+        round_about = [[name == other for other in self._fields_xyz] for name in self._fields_xyz]
+        inside = (squares @ np.array(round_about, dtype=np.float64) <= 1.0).all(axis=1)
+        return inside.tolist() == [False, True, True, False]
+
     def spelling(self) -> str:
         """Spell the shape as `as_object` reads it, such as ``box:32x41x60mm``."""
         return f"{self.kind}:{'x'.join(f'{size * 1000:.10g}' for size in astuple(self))}mm"
@@ -196,7 +206,7 @@ class GraspObject:
         shape: a `Box`, `Cylinder` or `Sphere`.
 
     Raises:
-        InputError: an extent outside `SIZES_M` or a density that is not positive.
+        InputError: an extent outside `SIZES_M`, a density outside `DENSITIES_KG_M3`, a name that spells another size.
 
     Examples:
         >>> marker = as_object("cylinder:18x120mm")
@@ -213,8 +223,16 @@ class GraspObject:
         for extent in self.extents_m:
             if not low <= extent <= high:
                 raise InputError(f"an extent of {name} is {extent:g} m; extents are {low * 1000:g} mm to {high:g} m")
-        if not 0 < self.density_kg_m3 < np.inf:
-            raise InputError(f"the density of {name} must be above 0, got {self.density_kg_m3} kg/m3")
+        least, most = DENSITIES_KG_M3
+        if not least <= self.density_kg_m3 <= most:
+            raise InputError(
+                f"the density of {name} is {self.density_kg_m3} kg/m3; densities are {least:g} to {most:g} kg/m3"
+            )
+        spelled = _SPELLING.fullmatch(self.name)
+        if spelled and spelled["unit"] and spelled["kind"].lower() in SHAPES:
+            said = _read_size(self.name)
+            if said.kind != self.shape.kind or not np.allclose(said.extents_m, self.extents_m, rtol=0.0, atol=1e-6):
+                raise InputError(f"an object named {name} is a {self.shape.spelling()}; give it another name")
 
     @property
     def extents_m(self) -> Vector:
@@ -279,6 +297,8 @@ class GraspObject:
     @classmethod
     def from_json(cls, name: str, data: Mapping[str, Any]) -> GraspObject:
         """Rebuild an object from its name and `to_json()`; an InputError says what does not fit."""
+        for key in data:
+            check_name(f"entry of object {shortened(name)}", key, ("shape", "extents_m", "density_kg_m3"))
         kind, extents = data.get("shape"), data.get("extents_m")
         if not isinstance(kind, str) or kind not in SHAPES:
             raise unknown("shape", kind, SHAPES)
@@ -322,7 +342,13 @@ def as_object(given: GraspObject | str) -> GraspObject:
         return known
     if ":" not in text:
         raise InputError(f"{unknown('object', text, CATALOGUE)} Or a size: {_EXAMPLES}.")
-    parts = _SPELLING.fullmatch(text.replace(" ", ""))
+    shape = _read_size(text)
+    return GraspObject(shape.spelling(), shape)
+
+
+def _read_size(text: str) -> Shape:
+    apart = re.search(r"[0-9.e+-] +[0-9.e+-]", text)  # spaces within a number
+    parts = None if apart else _SPELLING.fullmatch(text.replace(" ", ""))
     if parts is None:
         raise InputError(f"{shortened(text)!r} is not the size of an object; sizes are like {_EXAMPLES}")
     kind, unit = parts["kind"].lower(), (parts["unit"] or "").lower()
@@ -338,5 +364,4 @@ def as_object(given: GraspObject | str) -> GraspObject:
     if len(sizes) != expected:
         needed = f"a {kind} has {expected} size{'s' * (expected > 1)}, got {len(sizes)}"
         raise InputError(f"{needed}: {shortened(text)!r}; like {_EXAMPLES}")
-    shape = SHAPES[kind](*sizes)
-    return GraspObject(shape.spelling(), shape)
+    return SHAPES[kind](*sizes)

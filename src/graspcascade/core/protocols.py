@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError, check_name, check_whole
+from .errors import InputError, as_numbers, check_name, check_whole
 from .poses import as_quat
 
 Array = NDArray[np.float64]
@@ -63,6 +63,17 @@ class Physics(_Numbers):
         check_whole("noslip_iterations", self.noslip_iterations, most=1000)
 
 
+_BOUNDS: Mapping[str, tuple[float, float]] = {
+    "friction": (0.0, 1e3),
+    "density_factor": (1e-9, 1e9),
+    "gain_factor": (1e-9, 1e9),
+    "position_error_m": (-1.0, 1.0),
+    "rotation_error_rad": (-math.pi, math.pi),
+    "size_error_m": (-0.05, 0.05),
+}
+"""Least and greatest of each number in `Conditions`; beyond them it is a slip of the unit."""
+
+
 @dataclass(frozen=True, eq=False)
 class Conditions:
     """What may differ from trial to trial in one batch, a row each.
@@ -86,13 +97,14 @@ class Conditions:
 
     def __post_init__(self) -> None:
         for part in fields(self):
-            name, column, shape = part.name, getattr(self, part.name), _shape(part.name, len(self))
-            if np.shape(column) != shape:
-                raise InputError(f"{name} of {len(self)} trials has shape {np.shape(column)}, expected {shape}")
-            if not np.isfinite(column).all():
-                raise InputError(f"{name} must be finite")
-            if (column < {"friction": 0.0, "density_factor": 1e-9, "gain_factor": 1e-9}.get(name, -np.inf)).any():
-                raise InputError(f"{name} must be positive, got {column.min():g}")
+            name, column, (low, high) = part.name, as_numbers(part.name, getattr(self, part.name)), _BOUNDS[part.name]
+            shape = _shape(name, np.size(self.friction))
+            if column.shape != shape:
+                raise InputError(f"{name} of {shape[0]} trials has shape {column.shape}, expected {shape}")
+            wrong = column[~((low <= column) & (column <= high))]
+            if wrong.size:
+                raise InputError(f"{name} must be {low:.4g} to {high:.4g}, got {wrong[0]:g}")
+            object.__setattr__(self, name, column)
 
     def __len__(self) -> int:
         """Count the trials."""
@@ -108,7 +120,7 @@ class Conditions:
         made = {part.name: np.asarray(getattr(physics, part.name, 0.0), dtype=np.float64) for part in fields(cls)}
         for name, value in columns.items():
             check_name("condition of a trial", name, made)
-            made[name] = np.asarray(value, dtype=np.float64)
+            made[name] = as_numbers(name, value)
         for name, column in made.items():
             shape = _shape(name, n)
             try:

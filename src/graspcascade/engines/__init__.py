@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError, check_name
-from ..core.grasps import Grasps
+from ..core.grasps import Grasps, check_numbers
 from ..core.outcomes import Outcomes
 from ..core.protocols import PAPER, Conditions, as_protocol
 from ..core.protocols import Protocol as TrialProtocol
@@ -119,16 +119,26 @@ def run_trials(
     return as_engine(engine, **options).run(chosen, grasps, trial, conditions, observe=observe, progress=progress)
 
 
-def check_joints(grasps: Grasps, hand: Hand) -> None:
-    """Check that grasps are of a hand's joints, in whatever order.
+def check_trials(grasps: Grasps, hand: Hand, conditions: Conditions | None) -> None:
+    """Check that grasps are of a hand's joints, in whatever order, and that they and their conditions can be tried.
 
     Raises:
-        InputError: they lack some or name others.
+        InputError: joints are lacking or foreign, a number is out of range (see `check_numbers`), or conditions are of
+            another number of trials or leave nothing of an object.
     """
     hand.columns_in(grasps.joint_names)
     foreign = [name for name in grasps.joint_names if name not in hand.joint_names]
     if foreign:
         raise InputError(f"{hand.name} has no joints {', '.join(foreign)}")
+    check_numbers(grasps.columns())
+    if conditions is None:
+        return
+    if len(conditions) != len(grasps):
+        raise InputError(f"there are conditions of {len(conditions)} trials for {len(grasps)} grasps")
+    smallest = grasps.tasks.column(lambda task: min(task.object.extents_m), np.float64)
+    for row in np.flatnonzero(smallest + conditions.size_error_m <= 0.0)[:1].tolist():
+        error = f"a size error of {conditions.size_error_m[row]:g} m leaves nothing of an extent of {smallest[row]:g} m"
+        raise InputError(f"trial {row}: {error} of {grasps.object_name[row]}")
 
 
 def is_opposed(touching: NDArray[np.bool_], digits: tuple[str, ...]) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .. import hands  # not its functions: those load what reads hand files, which sampling does not need
 from ..core.errors import FileFormatError, InputError, check_name, shortened
-from ..core.grasps import Grasps
+from ..core.grasps import Grasps, check_numbers
 from ..core.objects import AXES, CATALOGUE, GraspObject
 from ..core.outcomes import Outcomes
 from ..core.poses import Pose
@@ -41,7 +41,7 @@ _CHOICES: Mapping[str, tuple[object, ...]] = {
 }
 _FIRST_HAND = "shadow_hand_right"
 """Hand of files that do not say: the only one there was when these were written."""
-_FURTHEST_M, _FURTHEST_IN_WORLD_M = 1.0, 1e7
+_FURTHEST_IN_WORLD_M = 1e7
 _ROUNDING_RAD, _FAR_RAD, _FAR_JOINTS = 1e-3, 0.5, 3
 UNITS = {"length": "metre", "angle": "radian"}
 FRAMES = {
@@ -181,7 +181,7 @@ def held_rates(evaluation: Evaluation) -> dict[tuple[str, str], float]:
 def header(document: GraspDocument) -> dict[str, Any]:
     """Collect what a reader needs besides the grasps themselves."""
     grasps, pose = document.grasps, document.X_world_object
-    _check_values(grasps.columns() | {"side_m": grasps.side_m})
+    check_numbers(grasps.columns() | {"side_m": grasps.side_m})
     try:
         json.dumps(document.metadata, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -259,7 +259,7 @@ def to_document(
     """
     name, hand = _named_hand(head, hand)
     try:
-        _check_values(columns)
+        check_numbers(columns)
         notes = () if hand is None else keep_limits(columns, joint_names, hand)
         if hand is not None and hand.name != name:
             notes = (f"the grasps are of hand {shown(name)}, not of {hand.name!r}", *notes)
@@ -369,29 +369,6 @@ def pose_of(position_m: object, quat_wxyz: object, what: str) -> Pose:
         raise FileFormatError(f"{what}: {error}") from error
 
 
-def _check_values(columns: Mapping[str, NDArray[Any]]) -> None:
-    """Check the numbers of grasps that are read or written, whatever their hand."""
-    for name in (*ANGLES, *POSE_PARTS, "side_m"):
-        rows = np.isfinite(columns[name]).all(axis=tuple(range(1, columns[name].ndim)))
-        _refuse(~rows, f"{name} is not finite")
-    for name in UNKNOWABLE:
-        _refuse(np.isinf(columns[name]) | (columns[name] < 0), f"{name} is not a length or chance")
-    _refuse(columns["side_m"] <= 0, "side_m is not a positive length")
-    _refuse(columns["probability"] > 1, "probability is above 1")
-    for name in NUMBERS[:3]:
-        what = f"{name} is {{:g}}, but lengths are metres; this looks like centimetres or millimetres"
-        _refuse(columns[name] > _FURTHEST_M, what, columns[name])
-    with np.errstate(over="ignore"):  # what is too large for a float is refused like anything else
-        distance, norm = (np.linalg.norm(columns[name], axis=1) for name in POSE_PARTS)
-    what = "the object's centre is {:g} m from the palm, but lengths are metres; these look like millimetres"
-    _refuse(distance > _FURTHEST_M, what, distance)
-    _refuse(np.abs(norm - 1.0) > 1e-3, "the quaternion (qw qx qy qz) must have norm 1, got norm {:.4g}", norm)
-    for name in ANGLES:
-        largest = np.abs(columns[name]).max(axis=1, initial=0.0)
-        what = f"{name} has an angle of {{:g}}, but angles are radians; this looks like degrees"
-        _refuse(largest > 2 * np.pi, what, largest)
-
-
 def keep_limits(columns: Columns, joint_names: Sequence[str], hand: Hand) -> tuple[str, ...]:
     """Clip angles that rounding put past a limit, and tell of those that are well beyond."""
     limits = dict(zip(hand.joint_names, zip(hand.lower_rad, hand.upper_rad, strict=True), strict=True))
@@ -413,11 +390,6 @@ def keep_limits(columns: Columns, joint_names: Sequence[str], hand: Hand) -> tup
             count = int(over.any(axis=1).sum())
             notes.append(f"{name} is beyond the joint limits of {hand.name} in {count} grasps: {joints}")
     return tuple(notes)
-
-
-def _refuse(rows: NDArray[np.bool_], what: str, values: NDArray[np.float64] | None = None) -> None:
-    for row in np.flatnonzero(rows)[:1].tolist():
-        raise InputError(f"grasp {row}: {what if values is None else what.format(values[row])}")
 
 
 def _exact_pose(position_m: Any, quat_wxyz: Any) -> Pose:

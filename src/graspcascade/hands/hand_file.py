@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import FileFormatError, InputError, check_name, unknown
+from ..core.errors import FileFormatError, InputError, check_name, nearest, unknown
 from ..core.poses import Pose, quat_to_matrix, rotate
 from ..core.taxonomy import DIGITS
 from ..core.yaml_files import YAML_SUFFIXES, load_yaml
@@ -19,6 +19,9 @@ from .hand import Actuator, ContactPlace, Coupling, Digit, Hand, digest
 from .kinematics import IDENTITY, Kinematics, Link, Vector
 
 HAND_FILE = "hand.yaml"
+_MOST_REACH_M, _FURTHEST_POINT_M = 0.25, 0.1
+_ROUNDING_RAD = 0.01
+"""An open hand may stand so far beyond a limit that another model of it rounds otherwise."""
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -66,10 +69,17 @@ class _HandFile(_Record, frozen=True):
         return tuple(name for part in self.joints for name in ([part] if isinstance(part, str) else part))
 
     @property
-    def bodies(self) -> set[str]:
-        """Bodies below the palm that the file speaks of."""
-        points = [*self.places.values(), *self.surface_points.values(), *(digit.tip for digit in self.digits.values())]
-        return {point.body for point in points} | {digit.root for digit in self.digits.values()}
+    def points(self) -> dict[str, _Point]:
+        """Points on bodies by the entry that names them."""
+        tips = {f"digits.{name}.tip": digit.tip for name, digit in self.digits.items()}
+        own = {f"surface_points.{name}": point for name, point in self.surface_points.items()}
+        return {f"places.{name}": place for name, place in self.places.items()} | own | tips
+
+    @property
+    def bodies(self) -> dict[str, str]:
+        """Bodies below the palm that the file speaks of, each with an entry that names it."""
+        roots = {digit.root: f"digits.{name}.root" for name, digit in self.digits.items()}
+        return {point.body: entry for entry, point in self.points.items()} | roots
 
 
 def shipped_hands() -> dict[str, Path]:
@@ -157,9 +167,13 @@ def _parse(mjcf: Path) -> Any:
     import mujoco
 
     try:
-        return mujoco.MjSpec.from_file(str(mjcf))
+        spec = mujoco.MjSpec.from_file(str(mjcf))
     except (ValueError, OSError) as error:
         raise InputError(f"cannot read hand model {mjcf}: {' '.join(str(error).split())}") from error
+    # Worlds have other joints and sensors of their own: what is of no effect here must not stand in their way.
+    for part in [*spec.keys, *spec.sensors, *(tie for tie in spec.equalities if not tie.active)]:
+        spec.delete(part)
+    return spec
 
 
 def _build(record: _HandFile, mjcf: Path) -> Hand:
@@ -208,18 +222,29 @@ def _check_record(record: _HandFile) -> None:
     shared = _repeated([digit.root for digit in digits.values()])
     if shared:
         raise InputError(f"two digits have the same root {', '.join(shared)}; each needs a first body of its own")
-    twice = sorted({*_repeated(joints), *(set(joints) & set(record.wrist_joints))})
+    twice = _repeated([*joints, *record.wrist_joints])
     if twice or not joints:
         raise InputError(f"joints must name each joint once, got {', '.join(twice) or 'none'} more than once or none")
     stray = sorted(set(record.pregrasp_rad) - set(joints))
     if stray:
         raise InputError(f"pregrasp_rad names {', '.join(stray)}, which joints does not list")
-    if not 0.001 <= record.reach_m <= 1.0:
-        raise InputError(f"reach_m must be 0.001 to 1 m, got {record.reach_m:g}")
+    if not record.palm_bodies or _repeated(record.palm_bodies):
+        raise InputError(f"palm_bodies must name one body or more, each once, got {record.palm_bodies}")
+    if not 0 < len(record.name.strip()) <= 100 or not record.name.isprintable():
+        raise InputError(f"name must be 1 to 100 printable characters, got {record.name[:100]!r}")
+    if not 0.001 <= record.reach_m <= _MOST_REACH_M:
+        raise InputError(f"reach_m must be 0.001 to {_MOST_REACH_M} m, got {record.reach_m:g}")
     for name, place in record.places.items():
         length = float(np.linalg.norm(place.normal))
-        if abs(length - 1.0) > 1e-3:
+        if not abs(length - 1.0) <= 1e-3:
             raise InputError(f"the normal of {name} has length {length:.3g}; it must be 1")
+    for entry, point in record.points.items():
+        far = float(np.linalg.norm(point.point_m))
+        if not far <= _FURTHEST_POINT_M:
+            hint = "; this looks like millimetres" if far > 1.0 else ""
+            raise InputError(
+                f"point_m of {entry} is {far:g} m from its body's origin, not within {_FURTHEST_POINT_M} m{hint}"
+            )
 
 
 def _repeated(names: list[str] | tuple[str, ...]) -> list[str]:
@@ -239,15 +264,28 @@ class _ModelReader:
             self.model = model = spec.compile()
         except ValueError as error:
             raise InputError(f"cannot compile hand model {mjcf}: {' '.join(str(error).split())}") from error
-        kinds, prefix = mujoco.mjtObj, record.prefix
-        needed: list[tuple[str, tuple[Any, ...]]] = [
-            *((name, (kinds.mjOBJ_JOINT,)) for name in (*record.joint_names, *record.wrist_joints)),
-            *((name, (kinds.mjOBJ_BODY,)) for name in sorted(record.bodies | {record.frame.body, *record.palm_bodies})),
-            *((name, (kinds.mjOBJ_TENDON, kinds.mjOBJ_EQUALITY)) for name in record.couplings),
-        ]
-        missing = [n for n, types in needed if all(mujoco.mj_name2id(model, t, prefix + n) < 0 for t in types)]
+        prefix, missing = record.prefix, []
+        has = {kind: [part.name for part in getattr(spec, kind)] for kind in ("bodies", "geoms", "joints")}
+        has["couplings"] = [part.name for part in [*spec.tendons, *spec.equalities]]
+        named = dict.fromkeys(record.palm_bodies, "palm_bodies") | record.bodies | {record.frame.body: "frame.body"}
+        needed = {
+            "joints": dict.fromkeys(record.wrist_joints, "wrist_joints") | dict.fromkeys(record.joint_names, "joints"),
+            "bodies": dict(sorted(named.items())),
+            "couplings": dict.fromkeys(record.couplings, "couplings"),
+        }
+        for kind, entries in needed.items():
+            for name, entry in entries.items():
+                if prefix + name not in has[kind]:
+                    near = nearest(prefix + name, has[kind])
+                    missing.append(f"{name} (of {entry}{f'; did you mean {near!r}?' if near else ''})")
         if missing:
-            raise InputError(f"hand model {mjcf.name} lacks {', '.join(missing)} (prefix {prefix!r})")
+            more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
+            raise InputError(f"hand model {mjcf.name} lacks {', '.join(missing[:4])}{more} (prefix {prefix!r})")
+        taken = [kind for kind in ("bodies", "geoms", "joints") if "object" in has[kind]]
+        if taken:
+            raise InputError(
+                f"hand model {mjcf.name} has {taken[0]} named 'object', as trials call theirs; rename them"
+            )
         self.palm = int(model.body(prefix + record.frame.body).id)
         # Trials bring their own object and nothing else.
         root, loose = model.body_rootid[self.palm], (int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL))
@@ -268,9 +306,16 @@ class _ModelReader:
             low, high = joint.range.tolist()
             if not self.model.jnt_limited[joint.id] or not low < high:
                 raise InputError(f'joint {name} has no range; give it one in the MJCF (range="low high")')
+            angle = self.record.pregrasp_rad.get(name)
+            if angle is not None and not low - _ROUNDING_RAD <= angle <= high + _ROUNDING_RAD:
+                hint = "; this looks like degrees" if abs(angle) > np.pi else ""
+                raise InputError(
+                    f"pregrasp_rad of {name} is {angle:g} rad, not within {low:.4g} to {high:.4g} rad{hint}"
+                )
             limits.append((low, high))
         names = [self.name("joint", number) for number in range(self.model.njnt)]
-        stray = ", ".join(n for n in names if n not in (*self.record.joint_names, *self.record.wrist_joints))
+        listed = (*self.record.joint_names, *self.record.wrist_joints)
+        stray = ", ".join(name or "one without a name" for name in names if name not in listed)
         if stray:
             unlisted = f"the model has joints that neither joints nor wrist_joints lists: {stray}"
             raise InputError(f"{unlisted}; list them, or take them out of the MJCF")
@@ -284,18 +329,41 @@ class _ModelReader:
                 below.add(body)
                 links.append(self._link(body, X_body_hand))
         tree = Kinematics(tuple(links))
-        outside = sorted(record.bodies - {link.name for link in links})
+        outside = sorted(record.bodies.keys() - {link.name for link in links})
         if outside:
             raise InputError(f"{', '.join(outside)} does not hang from the palm body {record.frame.body!r}")
         above = sorted(set(record.joint_names) - {link.joint for link in links})
         if above:
             raise InputError(f"{', '.join(above)} moves no part below the palm; list it under wrist_joints")
+        lines = {name: tree.ancestry([digit.root]) for name, digit in record.digits.items()}
+        shared = set.intersection(*lines.values())
+        wrist = [
+            link.joint
+            for link in links[1:]
+            if link.joint in record.wrist_joints or (link.joint and link.name in shared)
+        ]
+        if wrist:
+            todo = "give as frame.body the last body that they move, and list them under wrist_joints"
+            raise InputError(
+                f"{', '.join(map(str, wrist))} moves the wrist below the palm body {record.frame.body!r}; {todo}"
+            )
+        for name, place in record.places.items():
+            digit_root = record.digits[named].root if (named := name.partition("_")[0]) in record.digits else place.body
+            if digit_root not in tree.ancestry([place.body]):
+                raise InputError(f"{name} is on {place.body}, which does not hang from the {named}'s root {digit_root}")
+            # Of a convex body every outward normal points away from the centre of mass.
+            if np.dot(place.normal, place.point_m - self.model.body(record.prefix + place.body).ipos) < 0.0:
+                raise InputError(f"the normal of {name} points into {place.body}; it must point out of the surface")
+        for part in record.palm_bodies:
+            of = [name for name, digit in record.digits.items() if digit.root in tree.ancestry([part])]
+            if of or part == "world":
+                raise InputError(f"palm_bodies names {part}, which is of {f'the {of[0]}' if of else 'no hand'}")
         for name, digit in record.digits.items():
             if digit.root not in tree.ancestry([digit.tip.body]):
                 tip = f"the tip of the {name} is on {digit.tip.body}"
                 raise InputError(f"{tip}, which does not hang from its root {digit.root}")
             for other, upper in record.digits.items():
-                if other != name and upper.root in tree.ancestry([digit.root]):
+                if other != name and upper.root in lines[name]:
                     below_other = f"the {name} hangs from the {other}"
                     raise InputError(f"{below_other}; each digit needs a root of its own at the palm")
         return tree.links
@@ -330,11 +398,14 @@ class _ModelReader:
                 factors = tuple(weights[joint] for joint in order)
                 couplings.append(Coupling(self.name("tendon", tendon), "tendon", order, factors))
         for number in range(model.neq):
-            if model.eq_type[number] == self.mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[number] >= 0:
-                pair = tuple(self.name("joint", ids[number]) for ids in (model.eq_obj1id, model.eq_obj2id))
-                polynomial = tuple(model.eq_data[number, :5].tolist())
-                name = self.name("equality", number) or "/".join(pair)
-                couplings.append(Coupling(name, "equality", pair, polynomial))
+            name, ids = self.name("equality", number), (model.eq_obj1id[number], model.eq_obj2id[number])
+            of_two = model.eq_type[number] == self.mujoco.mjtEq.mjEQ_JOINT and min(ids) >= 0
+            pair = tuple(self.name("joint", joint) for joint in ids) if of_two else ()
+            if not pair or not set(pair) <= set(joints):
+                what = f"equality {name or number} does not tie one joint of a posture to another"
+                raise InputError(f"{what}; nothing else is supported: take it out of the MJCF")
+            polynomial = tuple(model.eq_data[number, :5].tolist())
+            couplings.append(Coupling(name or "/".join(pair), "equality", pair, polynomial))
         tied = {coupling.name: set(coupling.joints) for coupling in couplings}
         for name, named in self.record.couplings.items():
             if tied.get(name) != set(named):
@@ -354,6 +425,10 @@ class _ModelReader:
 
     def actuator(self, number: int) -> Actuator:
         model, mujoco, name = self.model, self.mujoco, self.name("actuator", number)
+        if not name or not model.actuator(number).name.startswith(self.record.prefix):
+            raise InputError(
+                f"actuator {name or number} needs a name that begins with the prefix {self.record.prefix!r}"
+            )
         target, gear = int(model.actuator_trnid[number, 0]), float(model.actuator_gear[number, 0])
         kind = model.actuator_trntype[number]
         if kind == mujoco.mjtTrn.mjTRN_TENDON:
@@ -362,11 +437,16 @@ class _ModelReader:
             weights = {self.name("joint", target): gear}
         else:
             raise InputError(f"actuator {name} drives neither a joint nor a fixed tendon; nothing else is supported")
+        if not all(weights.values()):
+            still = ", ".join(joint for joint, weight in weights.items() if not weight)
+            raise InputError(f"actuator {name} does not move {still}: its gear, or the tendon's coefficient, is 0")
         gain, bias = float(model.actuator_gainprm[number, 0]), float(model.actuator_biasprm[number, 1])
         fixed = model.actuator_gaintype[number] == mujoco.mjtGain.mjGAIN_FIXED
         affine = model.actuator_biastype[number] == mujoco.mjtBias.mjBIAS_AFFINE
-        if not (fixed and affine and gain > 0 and abs(bias + gain) <= 1e-6 * gain):
-            wrong = f"actuator {name} is no position servo (a motor or velocity actuator); postures are joint targets"
+        direct = model.actuator_dyntype[number] == mujoco.mjtDyn.mjDYN_NONE
+        if not (fixed and affine and direct and gain > 0 and abs(bias + gain) <= 1e-6 * gain):
+            kinds = "a motor, a velocity actuator, or one with a time constant"
+            wrong = f"actuator {name} is no position servo ({kinds}); postures are joint targets"
             raise InputError(f"{wrong}: make it <position name={name!r} kp=... />")
         low, high = (
             model.actuator_ctrlrange[number].tolist() if model.actuator_ctrllimited[number] else (-np.inf, np.inf)
@@ -376,7 +456,7 @@ class _ModelReader:
 
 
 def _check_driven(hand: Hand) -> None:
-    driven = {joint for actuator in hand.actuators for joint in actuator.weights}
+    driven = [joint for actuator in hand.actuators for joint in actuator.weights]
     leader = {c.joints[0]: c.joints[1] for c in hand.couplings if c.kind == "equality"}
     idle = ", ".join(name for name in hand.joint_names if name not in driven and leader.get(name) not in driven)
     if idle:
@@ -385,6 +465,9 @@ def _check_driven(hand: Hand) -> None:
     for joint in leader.values():
         if joint in leader:
             raise InputError(f"joint {joint} follows another and is followed; tie both to the driven joint")
+    twice = _repeated([*driven, *(c.joints[0] for c in hand.couplings if c.kind == "equality")])
+    if twice:
+        raise InputError(f"joint {twice[0]} is driven twice, by actuators or by following another; keep one of them")
 
 
 def _check_orientation(hand: Hand) -> None:
@@ -397,12 +480,11 @@ def _check_orientation(hand: Hand) -> None:
         pointing = f"the straight fingers point along {np.round(along / np.linalg.norm(along), 2).tolist()}"
         todo = "give frame.quat_wxyz, the rotation of the hand frame in the palm body"
         raise InputError(f"{pointing} of the hand frame, not along z; {todo}")
-    pads = [name for name in hand.places if name.endswith("_pad") and not name.startswith("thumb")]
-    normals = [place.normal[0] for place in hand.place_points(straight, pads).values()]
-    outward = np.mean(normals, axis=0) if normals else np.array([0.0, -1.0, 0.0])
-    if outward[1] >= 0:
-        facing = f"the fingers' pads face {np.round(outward, 2).tolist()} of the hand frame, not -y"
-        raise InputError(f"{facing}; turn frame.quat_wxyz or correct the normals of the contact places")
+    places = [name for name in hand.places if name.partition("_")[0] in hand.fingers]
+    for name, place in hand.place_points(straight, places).items():
+        if place.normal[0, 1] > (0.1 if name.endswith("_end") else -0.1):  # an end may face along the finger
+            facing = f"the place {name} faces {np.round(place.normal[0], 2).tolist()} of the hand frame, not -y"
+            raise InputError(f"{facing}; turn frame.quat_wxyz or correct its normal")
     if roots["thumb"][0] <= np.mean([roots[name][0] for name in hand.fingers]):
         wrong = "this is a left hand, or frame.quat_wxyz is wrong; only right hands are supported"
         raise InputError(f"the thumb is on the -x side of the hand frame: {wrong}")

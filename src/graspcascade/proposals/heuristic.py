@@ -124,12 +124,17 @@ def place(hand: Hand, postures: ArrayLike, tasks: Tasks, rng: np.random.Generato
         rng: draws the free angles; the same generator state gives the same grasps.
 
     Raises:
-        InputError: lengths that differ, a side beyond the hand's reach, or a hand that lacks a contact place of a type.
+        InputError: lengths that differ, a side beyond the hand's reach, a site that is none of its object, or a hand
+            that lacks a contact place of a type.
     """
     postures = hand.executed(np.atleast_2d(np.asarray(postures, dtype=np.float64)))
     if len(postures) != len(tasks):
         raise InputError(f"got {len(postures)} postures for {len(tasks)} tasks")
     check_reach(hand, tasks)
+    for task in tasks.distinct:
+        if not task.object.shape.has_site(task.site):
+            wide = f"{task.site.name}, {task.site.width_m * 100:g} cm wide, does not end on the surface of"
+            raise InputError(f"the site {wide} {task.object.name}; its sides: {task.object.describe_sides()}")
     thumb, other = opposition_points(hand, postures, tasks)
     turn = rng.uniform(0.0, 2 * np.pi, len(tasks))
     axes = tasks.column(lambda task: task.site.axis, np.float64).reshape(len(tasks), 3)

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.errors import InputError
 from ..core.objects import Box, Cylinder, GraspObject, Shape, Sphere
 from ..core.outcomes import PALM
 from ..core.protocols import Physics
@@ -109,7 +110,7 @@ def _set_physics(spec: Any, physics: Physics) -> None:
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.gravity = [0.0, 0.0, 0.0]
     # A diverged state must stay visible instead of being reset to a healthy one.
-    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     for joint in spec.joints:
         joint.frictionloss = 0.0
     for actuator in spec.actuators:
@@ -204,10 +205,15 @@ def object_fields(obj: GraspObject, density_factor: float, size_error_m: float =
     """Compute the object's rows of `OBJECT_FIELDS`: of its body, of its geom, or of its six degrees of freedom.
 
     An object that floats alone has the same rows as in a world with a hand, and compiles in a fraction of the time.
+    One that is too small or too light for the engine is an InputError.
     """
     spec = mujoco.MjSpec()
     _add_object(spec, obj, density_factor, size_error_m)
-    model = spec.compile()
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        with_these = f"{obj.name} of {obj.density_kg_m3 * density_factor:g} kg/m3, {size_error_m:g} m larger,"
+        raise InputError(f"{with_these} cannot be simulated: {' '.join(str(error).split())}") from error
     rows = {"body": slice(1, 2), "bvh_": slice(0, 1), "geom": slice(0, 1), "dof_": slice(0, 6)}
     return {name: np.array(getattr(model, name)[rows[name[:4]]]) for name in OBJECT_FIELDS}
 

@@ -19,7 +19,7 @@ from ...core.outcomes import Outcomes
 from ...core.poses import canonical_quat, quat_multiply, rotation_angle
 from ...core.protocols import Conditions, Protocol
 from ...hands import Hand
-from .. import Observer, Progress, check_joints, is_opposed
+from .. import Observer, Progress, check_trials, is_opposed
 from .creep import CreepProjection
 from .idle import Idle, IdleFinder, idle_sets, object_moved
 from .quiet import quiet_engine
@@ -69,8 +69,8 @@ class MujocoEngine:
         Each trial is independent of the others, so outcomes do not depend on threads, slots or order.
 
         Raises:
-            InputError: the grasps' joints are not the hand's, conditions of another number of trials, or an abridged
-                trial is to be observed.
+            InputError: grasps or conditions that cannot be tried (see `check_trials`), or an abridged trial is to be
+                observed.
         """
         if self.creep is not None and observe is not None:
             raise InputError("an abridged trial cannot be observed; give creep=None")
@@ -78,9 +78,7 @@ class MujocoEngine:
             raise InputError(f"threads must be at least 0 and slots at least 1, got {self.n_threads}, {self.n_slots}")
         if conditions is None and protocol.variation is not None:
             raise InputError(f"protocol {protocol.name} varies: give the conditions, protocol.conditions(n)")
-        if conditions is not None and len(conditions) != len(grasps):
-            raise InputError(f"there are conditions of {len(conditions)} trials for {len(grasps)} grasps")
-        check_joints(grasps, hand)
+        check_trials(grasps, hand, conditions)
         # One runner a thread: what each does between steps goes on while the others step. An observer has one.
         n_runners = 1 if observe is not None else max(1, min(self.n_threads or processors(), len(grasps)))
         shares = [np.arange(first, len(grasps), n_runners) for first in range(n_runners)]
