@@ -137,7 +137,7 @@ def test_a_size_error_that_leaves_nothing_of_an_object_is_refused(some: Grasps, 
     spheres = with_objects(some[:2], [as_object("box_small"), as_object("box:45x45x45mm")])
     conditions = Conditions.of(short.physics, 2, size_error_m=[-0.001, -0.045])
     with pytest.raises(
-        InputError, match="trial 1: a size error of -0.045 m leaves nothing .* 0.045 m of box:45x45x45mm"
+        InputError, match=r"trial 1: a size error of -0.045 m leaves nothing .* 0.045 m of box:45x45x45mm"
     ):
         run_trials(spheres, short, conditions=conditions)
 
@@ -147,7 +147,7 @@ def test_an_object_too_small_or_too_light_for_the_engine_is_refused(
     some: Grasps, short: Protocol, changes: dict
 ) -> None:
     small = with_objects(some[:1], [replace(as_object("box_small"), density_kg_m3=1.0)])
-    with pytest.raises(InputError, match="box_small of .* kg/m3, .* m larger, cannot be simulated: ") as caught:
+    with pytest.raises(InputError, match=r"box_small of .* kg/m3, .* m larger, cannot be simulated: ") as caught:
         run_trials(small, short, conditions=Conditions.of(short.physics, 1, **changes))
     assert "\n" not in str(caught.value)
 

@@ -430,7 +430,7 @@ NAN = float("nan")
         ),
         *(({"name": name}, "name must be 1 to 100 printable") for name in ("", " ", "a\nb", "\u202e", "x" * 101)),
         ({"pregrasp_rad": {"THJ4": 70.0}}, "pregrasp_rad of THJ4 is 70 rad, not within .*this looks like degrees"),
-        ({"pregrasp_rad": {"THJ4": -3.0}}, r"pregrasp_rad of THJ4 is -3 rad, not within -1.222 to 1.222 rad$"),
+        ({"pregrasp_rad": {"THJ4": -3.0}}, r"pregrasp_rad of THJ4 is -3 rad, not within 0 to 1.222 rad$"),
         ({"pregrasp_rad": {"THJ4": NAN}}, "pregrasp_rad of THJ4 is nan rad"),
         ({"wrist_joints": ["WRJ2", "WRJ1", "WRJ1"]}, "joints must name each joint once, got WRJ1"),
         ({"pregrasp_rad": {"THJ9": 1.0}}, "pregrasp_rad names THJ9, which joints does not list"),
@@ -456,7 +456,8 @@ def test_a_hand_file_that_cannot_be_is_refused_in_one_line_that_names_it(
 ) -> None:
     path = tmp_path / "hand.yaml"
     every = shadow_entries() | {"mjcf": str(SHADOW_MJCF)} | entries
-    path.write_text(json.dumps({name: entry for name, entry in every.items() if entry is not LEFT_OUT}))
+    text = json.dumps({name: entry for name, entry in every.items() if entry is not LEFT_OUT})
+    path.write_text(text.replace("NaN", ".nan"))  # as YAML spells it
     with pytest.raises(InputError, match=says) as caught:
         load_hand(path)
     message = str(caught.value)
@@ -540,7 +541,16 @@ MUG = '<worldbody><body name="mug"><freejoint/><geom type="sphere" size="0.02"/>
             "equality 0 does not tie one joint of a posture to another; nothing else is supported",
         ),
         ([("ffproximal", "object")], "has bodies named 'object', as trials call theirs"),
-        ([("<worldbody>", '<worldbody><body name="more"><joint/><geom size="0.01"/></body>')], "is a scene"),
+        (
+            [
+                (
+                    '<body name="ffmiddle"',
+                    '<body name="more" pos="0 0 0.01"><joint/>'
+                    '<geom type="sphere" size="0.005"/></body><body name="ffmiddle"',
+                )
+            ],
+            "lists: one without a name",
+        ),
         ([('<joint name="FFJ3"', '<joint name="FFJ3" type="slide"')], "FFJ3 is not a hinge"),
         ([('<joint name="FFJ3"', '<joint name="FFJ3" pos="0 0 0.01"')], "FFJ3 is not a hinge at the origin"),
         ([("<worldbody>", FLOOR)], "model.xml is a scene: it also holds floor"),

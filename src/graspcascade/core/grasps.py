@@ -204,7 +204,7 @@ def check_numbers(columns: Mapping[str, Array]) -> None:
         if name in unknowable:
             refuse(np.isinf(column) | (column < 0), f"{name} is not a length or chance")
         else:
-            refuse(~np.isfinite(rows).all(axis=1), f"{name} is not finite")
+            refuse(np.asarray(~np.isfinite(rows).all(axis=1)), f"{name} is not finite")
         if name in ("posture", "pregrasp"):
             what = f"{name} has an angle of {{:g}}, but angles are radians; this looks like degrees"
             refuse(largest > 2 * np.pi, what, largest)
@@ -218,7 +218,8 @@ def check_numbers(columns: Mapping[str, Array]) -> None:
         else:
             what = f"{name} is {{:g}}, but lengths are metres; this looks like centimetres or millimetres"
             refuse(column > _FURTHEST_M, what, column)
-            refuse(np.logical_and(name == "side_m", column <= 0), f"{name} is not a positive length")
+            if name == "side_m":
+                refuse(column <= 0, f"{name} is not a positive length")
 
 
 def batch_index(rows: Any) -> Any:
