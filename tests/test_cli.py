@@ -584,7 +584,8 @@ def test_a_trial_that_breaks_is_a_verdict_and_leaves_no_file(
 ) -> None:
     grasps = Grasps.concatenate([drawn[:1]])  # a copy, as a slice is a view
     grasps.X_hand_object.position_m[0] = 1e12
-    # No file can hold such a grasp, but physics can come to the same.
+    # No file can hold such a grasp and no engine takes it, but physics can come to the same.
+    monkeypatch.setattr("graspcascade.engines.mujoco.runner.check_trials", lambda *_: None)
     monkeypatch.setattr("graspcascade.cli.trials.load_executable", lambda *_, **__: GraspDocument(grasps))
     monkeypatch.chdir(tmp_path)
     assert main(["trial", "huge.json", "--json"]) == 0

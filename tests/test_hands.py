@@ -527,7 +527,7 @@ MUG = '<worldbody><body name="mug"><freejoint/><geom type="sphere" size="0.02"/>
         ([(TENDON, PAIR.format(1, 0))], "actuator FFJ0 does not move FFJ1: its gear"),
         ([("</actuator>", '<position name="more" joint="FFJ3" kp="1"/></actuator>')], "joint FFJ3 is driven twice"),
         ([("</tendon>", '</tendon><equality><joint joint1="MFJ3" joint2="FFJ3"/></equality>')], "MFJ3 is driven twice"),
-        ([(BENDER, '<position joint="FFJ3" ')], "actuator .* needs a name that begins with the prefix ''"),
+        ([(BENDER, '<position joint="FFJ3" ')], "actuator number 3 of the MJCF needs a name$"),
         (
             [("</tendon>", '</tendon><equality><joint name="lock" joint1="FFJ3"/></equality>')],
             "equality lock does not tie",
