@@ -426,9 +426,8 @@ class _ModelReader:
     def actuator(self, number: int) -> Actuator:
         model, mujoco, name = self.model, self.mujoco, self.name("actuator", number)
         if not name or not model.actuator(number).name.startswith(self.record.prefix):
-            raise InputError(
-                f"actuator {name or number} needs a name that begins with the prefix {self.record.prefix!r}"
-            )
+            begins = f" that begins with {self.record.prefix!r}" if self.record.prefix else ""
+            raise InputError(f"actuator {name or f'number {number}'} of the MJCF needs a name{begins}")
         target, gear = int(model.actuator_trnid[number, 0]), float(model.actuator_gear[number, 0])
         kind = model.actuator_trntype[number]
         if kind == mujoco.mjtTrn.mjTRN_TENDON:
