@@ -99,6 +99,19 @@ def test_the_page_of_the_protocol_has_the_measured_errors_of_its_contacts() -> N
     assert columns[-1]["failed"] == []
 
 
+def test_the_page_of_the_protocol_has_the_measured_stability_of_its_verdicts() -> None:
+    rows = json.loads((DOCS / "results" / "stability.json").read_text(encoding="utf-8"))["conditions"]
+    page = (DOCS / "protocol.md").read_text(encoding="utf-8")
+    assert {row["n"] for row in rows} == {1080}
+    for usual, longer, finer in zip(rows[::3], rows[1::3], rows[2::3], strict=True):
+        assert (longer["gravity_s"], finer["time_step_s"]) == (20.0, 0.002)
+        rates = [f"{100 * usual[f'{name} rate']['rate']:.1f}" for name in ("held", "faithful", "steady")]
+        points = [f"{row['held, points over the protocol']:+.1f}" for row in (longer, finer)]
+        assert f"| `{usual['protocol']}` | {' | '.join([*rates, *points])} |" in page
+        if usual["protocol"] == "hold":
+            assert max(abs(row["held, points over the protocol"]) for row in (longer, finer)) < 1.0
+
+
 def test_no_page_uses_words_of_our_own() -> None:
     private = re.compile(r"\b(verbs?|wish|wishes|is told|are told|ladder)\b|\brooms?\b", re.IGNORECASE)
     texts = {path: path.read_text(encoding="utf-8") for path in [*DOCS.glob("*.md"), *DOCS.parent.glob("*.md")]}

@@ -32,6 +32,7 @@ _AGAIN = "what is finished is kept: run the same command again to go on"
 VERBS: Mapping[str, Verb] = {
     "sample": Verb("grasps", "grasps of a type for an object, from a trained cascade or the heuristic"),
     "trial": Verb("trials", "execute the grasps of a file in physics"),
+    "verify": Verb("trials", "the share of several varied trials that each grasp of a file holds"),
     "evaluate": Verb("trials", "success rates of a model or of the heuristic", f"with --out, {_AGAIN}"),
     "seeds": Verb("learning", "labelled seed postures by inverse kinematics"),
     "prior": Verb("learning", "train the posture prior from seeds or recordings"),

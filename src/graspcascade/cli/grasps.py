@@ -24,7 +24,19 @@ from ..core.taxonomy import as_type
 from ..formats.registry import format_to_read, format_to_write
 from ..proposals.heuristic import SCREENED, SCREENING_DRAWS, cannot_touch
 from . import console
-from .console import HandName, Json, ModelName, ObjectPose, OwnHand, PoseNumbers, PriorFile, Trust, numbers
+from .console import (
+    Flag,
+    HandName,
+    Json,
+    ModelName,
+    ObjectPose,
+    OwnHand,
+    PoseNumbers,
+    PriorFile,
+    ProtocolName,
+    Trust,
+    numbers,
+)
 
 if TYPE_CHECKING:
     from ..proposals import Proposal
@@ -265,6 +277,9 @@ class Export:
     settle: bool | None = None
     """Try the grasps in physics first and write joints and object pose in contact, where a format has them. By default
     formats that mean a hand in contact (dexgraspbench, dexgraspnet) are settled, others not."""
+    only_held: Flag = False
+    """Try the grasps in physics first, and write only those that held."""
+    protocol: ProtocolName = "paper"
     object_pose: Annotated[PoseNumbers | None, arg(metavar="X Y Z QW QX QY QZ")] = None
     """Object pose in the world, metres and a unit quaternion, instead of the one GRASPS may give."""
     frame_id: str | None = None
@@ -299,11 +314,16 @@ class Export:
             raise InputError(f"{self.grasps} holds no grasps")
         for note in (*document.notes, *([] if evaluation is None else _other_origin(evaluation, document))):
             print(f"graspcascade export: {note}", file=sys.stderr)
-        if settle:
+        if settle or self.only_held:
             from ..engines import run_trials
 
             with console.bar("trials", len(grasps)) as progress:
-                outcomes = run_trials(grasps, hand=hand, progress=progress.advance)
+                outcomes = run_trials(grasps, self.protocol, hand=hand, progress=progress.advance)
+            if self.only_held:
+                tried, kept = len(grasps), outcomes.held
+                grasps, outcomes = grasps[kept], outcomes[kept]
+                if not kept.any():
+                    raise InputError(f"none of the {tried} grasps held under protocol {self.protocol}")
         options = formats.ExportOptions(
             held_rates={} if evaluation is None else formats.held_rates(evaluation),
             outcomes=outcomes,

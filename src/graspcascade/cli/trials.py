@@ -1,4 +1,4 @@
-"""``graspcascade trial`` and ``evaluate``: grasps executed in physics."""
+"""``graspcascade trial``, ``verify`` and ``evaluate``: grasps executed in physics."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tyro.conf import Positional, arg
 
 from ..core.errors import MAX_SEED, InputError, check_whole
@@ -18,8 +19,8 @@ from ..core.intervals import wilson
 from ..core.outcomes import STEADY_RAD, VERDICTS, Outcomes
 from ..core.protocols import as_protocol
 from ..engines import as_engine
-from ..formats import load_executable
-from ..hands import load_hand
+from ..formats import GraspDocument, check_target, load_executable, save_grasps
+from ..hands import Hand, load_hand
 from . import console
 from .console import EngineName, HandName, Json, ModelName, OwnHand, PriorFile, ProtocolName, Threads, Trust, Workers
 
@@ -38,6 +39,8 @@ class Trial:
     """Seed of what a protocol draws for each trial."""
     out: Path | None = None
     """Also write the report to this .json file."""
+    held_out: Path | None = None
+    """Also write the grasps that held to this file (.json, .parquet)."""
     threads: Threads = 0
     json: Json = False
 
@@ -49,11 +52,10 @@ class Trial:
             console.check_out(self.out, ".json", "a trial report")
             if self.out.exists() and self.grasps.exists() and self.out.samefile(self.grasps):
                 raise InputError(f"{self.out} holds the grasps; give the report another name")
+        if self.held_out is not None:
+            check_target(self.held_out)
         hand = load_hand(self.hand)
-        console.check_exists(self.grasps)
-        document = load_executable(self.grasps, hand, trust_pickle=self.trust_pickle)
-        for note in document.notes:
-            print(f"graspcascade trial: {note}", file=sys.stderr)
+        document = _executable(self.grasps, hand, self.trust_pickle, "trial")
         grasps = document.grasps
         check_whole("seed", self.seed, most=MAX_SEED)
         conditions = protocol.conditions(len(grasps), self.seed)
@@ -63,6 +65,102 @@ class Trial:
         if self.out is not None:
             write_json(self.out, report, allow_nan=False)
         console.print_json(report) if self.json else _print_report(report)
+        if self.held_out is not None:
+            metadata = document.metadata | {"held": {"protocol": protocol.name, "seed": self.seed, "of": len(grasps)}}
+            _keep(self.held_out, document, outcomes.held, grasps, metadata, "trial")
+
+
+def _executable(path: Path, hand: Hand, trust_pickle: bool, verb: str) -> GraspDocument:
+    console.check_exists(path)
+    document = load_executable(path, hand, trust_pickle=trust_pickle)
+    for note in document.notes:
+        print(f"graspcascade {verb}: {note}", file=sys.stderr)
+    return document
+
+
+def _keep(
+    path: Path, document: GraspDocument, kept: NDArray[np.bool_], grasps: Grasps, metadata: dict[str, Any], verb: str
+) -> None:
+    """Write the grasps that are kept, or say that there are none."""
+    if not kept.any():
+        print(f"graspcascade {verb}: no grasp is kept, {path} is not written", file=sys.stderr)
+        return
+    save_grasps(path, grasps[kept], metadata=metadata, X_world_object=document.X_world_object)
+    print(f"wrote {int(kept.sum())} of {len(grasps)} grasps to {path}", file=sys.stderr)
+
+
+@dataclass(frozen=True)
+class Verify:
+    """Try each grasp of a file under several draws of friction, weight and errors; print the share that held.
+
+    With --out the grasps are written with that share as their probability.
+    """
+
+    grasps: Annotated[Positional[Path], arg(metavar="GRASPS")]
+    """Grasp file in any format that can be read, such as .json or .parquet."""
+    trust_pickle: Trust = False
+    draws: int = 8
+    """Trials of each grasp."""
+    keep: float | None = None
+    """With --out, write only grasps of which at least this share held, from 0 to 1."""
+    hand: HandName = "shadow"
+    protocol: ProtocolName = "varied"
+    engine: EngineName = "mujoco"
+    seed: int = 0
+    """Seed of the draws."""
+    out: Path | None = None
+    """File to write (.json, .parquet)."""
+    threads: Threads = 0
+    workers: Workers = 1
+    json: Json = False
+
+    def run(self) -> None:
+        """Verify, then print and write."""
+        from ..studies.verify import verify
+
+        console.check_threads(threads=self.threads, workers=self.workers)
+        if self.keep is not None and not (0.0 <= self.keep <= 1.0 and self.out is not None):
+            raise InputError(f"--keep is a share from 0 to 1 and needs --out, got {self.keep}")
+        if self.out is not None:
+            check_target(self.out)
+        hand, engine = load_hand(self.hand), as_engine(self.engine, n_threads=self.threads)
+        document = _executable(self.grasps, hand, self.trust_pickle, "verify")
+        n = len(document.grasps)
+        with console.bar("trials", n * self.draws) as progress:
+            verified = verify(
+                document.grasps,
+                draws=self.draws,
+                seed=self.seed,
+                protocol=self.protocol,
+                hand=hand,
+                engine=engine,
+                workers=self.workers,
+                progress=progress.advance,
+            )
+        about: dict[str, Any] = {"protocol": verified.protocol, "draws": self.draws, "seed": self.seed}
+        grasps, columns = verified.grasps, ("held", "faithful", "steady")
+        if self.json:
+            counts = {name: getattr(verified, name).sum(axis=1).tolist() for name in columns}
+            rows = zip(grasps.grasp_type.tolist(), grasps.object_name.tolist(), *counts.values(), strict=True)
+            named = [dict(zip(("grasp_type", "object", *columns), row, strict=True)) for row in rows]
+            rates = {name: float(getattr(verified, name).mean()) for name in columns}
+            console.print_json({**about, "n": n, **rates, "grasps": named})
+        else:
+            self._print(grasps, verified.held.sum(axis=1).tolist())
+            shares = ", ".join(f"{name} {getattr(verified, name).mean():.1%}" for name in columns)
+            print(f"protocol {verified.protocol}, {n} grasps tried {self.draws} times each: {shares}")
+        if self.out is not None:
+            kept = np.full(n, True) if self.keep is None else grasps.probability >= self.keep
+            about |= {} if self.keep is None else {"kept_from": self.keep, "of": n}
+            _keep(self.out, document, kept, grasps, document.metadata | {"verified": about}, "verify")
+
+    def _print(self, grasps: Grasps, held: list[int]) -> None:
+        rows = []
+        for number, (row, count) in enumerate(zip(grasps, held, strict=True)):
+            share = wilson(count, self.draws)
+            said = f"{share.rate:.0%} [{share.low:.0%}, {share.high:.0%}]"
+            rows.append([str(number), row.grasp_type[0], row.object_name[0], row.side_axis[0], str(count), said])
+        console.print_table(["#", "type", "object", "side", "held", "chance"], rows, left=(0, 1, 2, 3))
 
 
 def _report(grasps: Grasps, outcomes: Outcomes, protocol_name: str, model: object) -> dict[str, Any]:
