@@ -64,6 +64,11 @@ def test_a_room_imports_only_from_rooms_above_it(room: str) -> None:
     assert not wrong
 
 
+def test_an_engine_is_known_by_its_interface_alone() -> None:
+    outside = [path for path in PACKAGE.rglob("*.py") if "engines" not in path.relative_to(PACKAGE).parts]
+    assert [path.name for path in outside if "engines.mujoco" in path.read_text(encoding="utf-8")] == []
+
+
 def test_proposals_and_engines_never_see_each_other() -> None:
     pair = {"proposals", "engines"}
     assert not [edge for edge in EDGES if {edge.importer, edge.imported} == pair]

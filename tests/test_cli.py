@@ -556,7 +556,7 @@ def test_a_model_of_a_hand_that_is_not_shipped_asks_for_its_file(call: Call, mod
     sampler = GraspSampler.load(model)
     replace(sampler, hand=replace(sampler.hand, name="my_hand")).save(tmp_path / "mine")
     said = call("evaluate", "--model", tmp_path / "mine")
-    assert_refused(said, "this model is for my_hand", "give its file with --hand")
+    assert_refused(said, "hand 'my_hand' is not shipped; give its file (--hand FILE")
 
 
 @pytest.mark.parametrize(

@@ -169,7 +169,7 @@ def test_grasps_of_another_hand_are_refused_with_the_joints_that_differ(
         run_trials(drawn[:2], short, hand=cut_hands[2])
     with pytest.raises(InputError, match="the grasps lack joints of shadow_hand_right: MFJ4, "):
         run_trials(proposed[2][:2], short, hand="shadow")
-    with pytest.raises(InputError, match="hand 'hand_of_2', which is not shipped; give hand=load_hand"):
+    with pytest.raises(InputError, match="hand 'hand_of_2' is not shipped; give its file"):
         run_trials(proposed[2][:2], short)
 
 

@@ -18,9 +18,13 @@ from loky.backend.process import LokyProcess
 
 from graspcascade.core.errors import FileFormatError, InputError
 from graspcascade.core.machine import child_environment
-from graspcascade.studies.executor import LocalExecutor, WorkerError, map_jobs, run_jobs
+from graspcascade.studies.executor import LocalExecutor, WorkerError, run_jobs
 
 Report = Callable[[Any], None]
+
+
+def map_jobs(jobs: Iterable[Any], workers: int) -> Generator[Any, None, None]:
+    return LocalExecutor(workers).map(jobs, lambda *said: None)
 
 
 def count(to: int, report: Report) -> int:
@@ -181,10 +185,10 @@ def test_another_executor_stands_behind_the_same_function() -> None:
             yield from [job(partial(report, number)) for number, job in reversed(numbered)][::-1]
 
     told: list[tuple[int, int]] = []
-    results = map_jobs([partial(count, 1), partial(count, 2)], 5, lambda *said: told.append(said), Backwards())
+    results = run_jobs([partial(count, 1), partial(count, 2)], 5, lambda *said: told.append(said), Backwards())
     assert list(results) == [1, 2]
     assert told == [(1, 0), (1, 1), (0, 0)]
-    assert list(map_jobs([own_number], executor=LocalExecutor(1))) == [os.getpid()]
+    assert run_jobs([own_number], executor=LocalExecutor(1)) == [os.getpid()]
 
 
 # Scripts

@@ -187,17 +187,6 @@ def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Pr
     return sampler
 
 
-def load_executing_hand(hand: str | None, proposal: Proposal) -> Hand:
-    """Load the hand that executes a proposal's grasps: the one asked for, else the proposal's own."""
-    if hand is not None:
-        return hands.load_hand(hand)
-    own = proposal.hand if proposal.hand.mjcf is not None else hands.shipped_hand(proposal.hand.name)
-    if own is None:
-        name = proposal.hand.name
-        raise InputError(f"this model is for {name}, which is not shipped; give its file with --hand")
-    return own
-
-
 class Bar:
     """Report progress: a bar on a terminal; elsewhere, as in a log, a line each minute."""
 

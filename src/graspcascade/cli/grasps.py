@@ -131,7 +131,7 @@ class Sample:
         if self.picture is not None:
             from ..viewer.pictures import Renderer, grasp_strip, save_png
 
-            with Renderer(console.load_executing_hand(self.hand, proposal)) as renderer:
+            with Renderer(hands.executing_hand(proposal.hand, self.hand)) as renderer:
                 save_png(grasp_strip(renderer, pictured), self.picture)
         if self.json:
             console.print_json(formats.document_to_json(formats.GraspDocument(grasps, metadata, placed)))
@@ -234,7 +234,7 @@ class View:
         proposal: Proposal | None
         if self.file is None or self.hand is None or self.model != "default" or self.prior is not None:
             proposal = console.load_proposal(self.model, self.hand, self.prior)
-            hand = console.load_executing_hand(self.hand, proposal)
+            hand = hands.executing_hand(proposal.hand, self.hand)
             if self.file is None:
                 return Start(proposal, hand, request, protocol, sample_batch(proposal, hand, request))
         else:

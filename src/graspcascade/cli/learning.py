@@ -15,9 +15,9 @@ from tyro.conf import arg
 
 from ..core.errors import InputError
 from ..core.files import write_folder_staged
+from ..core.protocols import as_protocol
 from ..core.taxonomy import GRASP_TYPES, GraspType
-from ..engines.mujoco.creep import FAST_FORWARD
-from ..engines.mujoco.runner import MujocoEngine
+from ..engines import as_engine
 from ..hands import Hand, load_hand
 from ..nets import EpochRecord, TrainingSpec
 from ..proposals.cascade.stages import factorization
@@ -29,7 +29,7 @@ from ..studies.postures import LabelledPostures, Unit, export_postures, import_p
 from ..studies.rounds import CELLS, cell_name
 from ..studies.seeds import Likeness, SeedSpec, human_likeness, make_seeds
 from . import console
-from .console import Bar, Flag, HandName, Json, PriorFile, Threads, Workers, percent
+from .console import Bar, EngineName, Flag, HandName, Json, PriorFile, ProtocolName, Threads, Workers, percent
 
 _WORST_JOINTS = 3
 """How many of the joints whose angles were clipped are named."""
@@ -138,6 +138,8 @@ class Collect:
     """How much to collect. A cell is a pair of object and grasp type; there are 54."""
     hand: HandName = "shadow"
     prior: PriorFile = None
+    protocol: ProtocolName = "paper"
+    engine: EngineName = "mujoco"
     full: Flag = False
     """Compute every step instead of skipping along the slow creep under weight."""
     threads: Threads = 0
@@ -150,14 +152,15 @@ class Collect:
         console.check_threads(threads=self.threads, workers=self.workers)
         proposal = Heuristic(load_hand(self.hand), console.load_prior(self.prior))
         console.possible_cells(proposal, proposal.hand, "collect")
-        engine = MujocoEngine(self.threads, creep=None if self.full else FAST_FORWARD)
+        protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         with console.bar("trials") as progress:
             watch = _Watch(progress, self.spec, proposal.grasp_types)
             state = collect(
                 proposal,
                 self.spec,
                 self.out,
-                engine=engine,
+                protocol=protocol,
+                engine=engine if self.full else engine.abridging(),
                 workers=self.workers,
                 progress=watch.round,
                 tick=watch.trials,
@@ -166,10 +169,10 @@ class Collect:
         short = [cell for cell in state.short(self.spec).tolist() if CELLS[cell][1] in proposal.grasp_types]
         if self.json:
             counts = {"trials": trials, "held": held, "faithful": faithful, "cells_given_up": len(short)}
-            facts = {"out": str(self.out), "protocol": "paper", "rounds": state.rounds, **counts}
+            facts = {"out": str(self.out), "protocol": protocol.name, "rounds": state.rounds, **counts}
             console.print_json(facts | {"collection": asdict(self.spec)})
             return
-        counted = f"{trials} screened trials under protocol paper, {held} held ({_rate(state)})"
+        counted = f"{trials} screened trials under protocol {protocol.name}, {held} held ({_rate(state)})"
         print(f"{self.out}: {counted}, {faithful} type-faithful")
         if short:
             given_up = [f"{cell_name(CELLS[cell])} ({state.trials[cell]} trials)" for cell in short]
@@ -253,7 +256,7 @@ class Train:
 
 
 def shows_epochs(progress: Bar, stages: int) -> Callable[[str, EpochRecord], None]:
-    """Make what counts the epochs of stages that are trained side by side, as many each, on one bar."""
+    """Return a callback that sums the epochs of stages trained in parallel on one progress bar."""
     latest: dict[str, EpochRecord] = {}
 
     def show(stage: str, record: EpochRecord) -> None:

@@ -20,7 +20,7 @@ from ..core.outcomes import STEADY_RAD, VERDICTS, Outcomes
 from ..core.protocols import as_protocol
 from ..engines import as_engine
 from ..formats import GraspDocument, check_target, load_executable, save_grasps
-from ..hands import Hand, load_hand
+from ..hands import Hand, executing_hand, load_hand
 from . import console
 from .console import EngineName, HandName, Json, ModelName, OwnHand, PriorFile, ProtocolName, Threads, Trust, Workers
 
@@ -227,7 +227,7 @@ class Evaluate:
         console.check_threads(threads=self.threads, workers=self.workers)
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         proposal = console.load_proposal(self.model, self.hand, self.prior)
-        hand = console.load_executing_hand(self.hand, proposal)
+        hand = executing_hand(proposal.hand, self.hand)
         cells = console.possible_cells(proposal, hand, "evaluate")
         with console.bar(f"trials of {proposal.name}") as progress:
             evaluation = evaluate(

@@ -16,7 +16,7 @@ from ..core.grasps import Grasps, check_numbers
 from ..core.outcomes import Outcomes
 from ..core.protocols import PAPER, Conditions, as_protocol
 from ..core.protocols import Protocol as TrialProtocol
-from ..hands import Hand, load_hand, shipped_hand, shipped_hands
+from ..hands import Hand, executing_hand
 
 Progress = Callable[[int], None]
 """Called with the number of trials decided since the last call."""
@@ -35,6 +35,10 @@ class Engine(Protocol):
 
     def on_one_thread(self) -> Engine:
         """Make the same engine for one of several processes."""
+        ...
+
+    def abridging(self) -> Engine:
+        """Make the same engine, abridging trials where it can, for data of which few verdicts may be wrong."""
         ...
 
     def run(
@@ -112,9 +116,7 @@ def run_trials(
         ((2,), ('thumb', 'index', 'middle', 'ring', 'little', 'palm'))
     """
     trial = as_protocol(protocol)
-    if hand is None and grasps.hand not in shipped_hands() and shipped_hand(grasps.hand) is None:
-        raise InputError(f"the grasps are of hand {grasps.hand!r}, which is not shipped; give hand=load_hand(FILE)")
-    chosen = load_hand(grasps.hand if hand is None else hand)
+    chosen = executing_hand(grasps.hand, hand)
     conditions = trial.conditions(len(grasps), seed) if conditions is None else conditions
     return as_engine(engine, **options).run(chosen, grasps, trial, conditions, observe=observe, progress=progress)
 

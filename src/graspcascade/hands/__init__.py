@@ -6,7 +6,7 @@ from .hand import Actuator, Closure, ContactPlace, Coupling, Digit, Hand, PlaceP
 from .kinematics import Kinematics, Link
 
 if TYPE_CHECKING:
-    from .hand_file import load_hand, read_hand_file, read_spec, shipped_hand, shipped_hands
+    from .hand_file import executing_hand, load_hand, read_hand_file, read_spec, shipped_hand, shipped_hands
 
 __all__ = [
     "Actuator",
@@ -20,7 +20,7 @@ __all__ = [
     "PlacePoints",
     "is_left",
 ]
-__all__ += ["load_hand", "read_hand_file", "read_spec", "shipped_hand", "shipped_hands"]
+__all__ += ["executing_hand", "load_hand", "read_hand_file", "read_spec", "shipped_hand", "shipped_hands"]
 
 
 def __getattr__(name: str) -> Any:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import FileFormatError, InputError, check_name, nearest, unknown
+from ..core.errors import FileFormatError, InputError, check_name, nearest, shortened, unknown
 from ..core.poses import Pose, quat_to_matrix, rotate
 from ..core.taxonomy import DIGITS
 from ..core.yaml_files import YAML_SUFFIXES, load_yaml
@@ -120,6 +120,23 @@ def shipped_hand(name: str) -> Hand | None:
     # Hands that are likely not the one need not be read to know.
     likely_first = sorted(shipped, key=lambda short: not name.startswith(short))
     return next((hand for hand in (_read_shipped(shipped[short]) for short in likely_first) if hand.name == name), None)
+
+
+def executing_hand(own: Hand | str, given: Hand | Path | str | None = None) -> Hand:
+    """Load the hand to execute grasps with: the one given, else their own, or the shipped one that they name.
+
+    Raises:
+        InputError: their hand is not shipped and none is given, or as `load_hand`.
+    """
+    if given is not None:
+        return load_hand(given)
+    if isinstance(own, Hand) and own.mjcf is not None:
+        return own
+    name = own.name if isinstance(own, Hand) else own
+    shipped = load_hand(name) if name in shipped_hands() else shipped_hand(name)
+    if shipped is None:
+        raise InputError(f"hand {shortened(name)!r} is not shipped; give its file (--hand FILE, hand=load_hand(FILE))")
+    return shipped
 
 
 def read_hand_file(path: Path) -> Hand:

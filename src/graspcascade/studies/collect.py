@@ -21,7 +21,6 @@ from ..core.outcomes import Outcomes
 from ..core.protocols import PAPER, Protocol, as_protocol
 from ..core.taxonomy import GraspType
 from ..engines import Engine, as_engine
-from ..engines.mujoco.creep import FAST_FORWARD
 from ..proposals.heuristic import Heuristic, cannot_touch
 from .dataset import METADATA_FILE, Shard, Whole, check_record, is_intact, open_folder, write_metadata, write_round
 from .rounds import CELLS, Pair, as_cells, setting_of, try_round
@@ -148,7 +147,7 @@ def collect(
     if cells and not any(kind in proposal.grasp_types for _, kind in cells):
         possible = ", ".join(kind.name for kind in proposal.grasp_types) or "none"
         raise InputError(f"{hand.name} and the prior can make none of the types asked for. Possible types: {possible}.")
-    engine = as_engine(creep=FAST_FORWARD) if engine is None else engine
+    engine = as_engine().abridging() if engine is None else engine
     identity = setting_of(hand, protocol, cells) | {
         "prior": proposal.prior.fingerprint(),
         "creep_projection": engine.abridged,

@@ -22,7 +22,7 @@ from ..core.protocols import PAPER, Protocol, as_protocol
 from ..core.tasks import draw_tasks
 from ..core.taxonomy import GraspType
 from ..engines import Engine, as_engine
-from ..hands import Hand, load_hand
+from ..hands import Hand, executing_hand
 from ..proposals import Proposal
 from ..proposals.cascade.sampler import EVALUATION_FILE
 from .dataset import METADATA_FILE, Whole, check_record, is_intact, open_folder, shard_path, write_metadata, write_round
@@ -92,8 +92,7 @@ def evaluate(
     protocol = as_protocol(protocol)
     if engine.abridged is not None:
         raise InputError("an evaluation computes every step; give an engine with creep=None")
-    own = proposal.hand.name if proposal.hand.mjcf is None else proposal.hand
-    hand = load_hand(own if hand is None else hand)
+    hand = executing_hand(proposal.hand, hand)
     name = proposal.name if name is None else name
     check_whole("per_cell", per_cell, 1)
     check_whole("seed", seed, most=MAX_SEED)

@@ -44,7 +44,10 @@ class Executor(Protocol):
 
 
 def run_jobs(
-    jobs: Sequence[Job[Report, Result]], workers: int = 0, report: Listener[Report] | None = None
+    jobs: Sequence[Job[Report, Result]],
+    workers: int = 0,
+    report: Listener[Report] | None = None,
+    executor: Executor | None = None,
 ) -> list[Result]:
     """Run jobs, started in their order, and return their results in that order, whatever the number of workers.
 
@@ -55,33 +58,14 @@ def run_jobs(
         jobs: see `Job`.
         workers: processes at a time, 0 for as many as processors; a single worker or job runs in this process.
         report: called in this thread with a job's number and each value that it reports.
+        executor: runs the jobs; processes of this machine without it, and only then `workers` counts.
 
     Raises:
         InputError: `workers` is negative.
         WorkerError: a worker process died.
         Exception: whatever the first job to fail raised.
     """
-    return list(LocalExecutor(workers, ahead=len(jobs)).map(jobs, report or _ignore))
-
-
-def map_jobs(
-    jobs: Iterable[Job[Report, Result]],
-    workers: int = 0,
-    report: Listener[Report] | None = None,
-    executor: Executor | None = None,
-) -> Generator[Result, None, None]:
-    """Yield the results of jobs in order as they become ready, for more results than memory holds.
-
-    Jobs are taken a few ahead of the result that is due next. Apart from that it is like `run_jobs`. To stop early,
-    close the generator (`contextlib.closing`): that ends the processes.
-
-    Args:
-        jobs: see `Job`.
-        workers: see `run_jobs`.
-        report: see `run_jobs`.
-        executor: runs the jobs; processes of this machine without it, and only then `workers` counts.
-    """
-    return (executor or LocalExecutor(workers)).map(jobs, report or _ignore)
+    return list((executor or LocalExecutor(workers, ahead=len(jobs))).map(jobs, report or _ignore))
 
 
 def worker_count(workers: int) -> int:
@@ -111,7 +95,10 @@ class LocalExecutor:
         worker_count(self.workers)
 
     def map(self, jobs: Iterable[Job[Report, Result]], report: Listener[Report]) -> Generator[Result, None, None]:
-        """Yield results in the order of the jobs; see `run_jobs`."""
+        """Yield results in the order of the jobs as they become ready, for more of them than memory holds.
+
+        Jobs are taken `ahead` of the result that is due next; closing the generator ends the processes.
+        """
         waiting = iter(jobs)
         head = list(islice(waiting, worker_count(self.workers)))
         numbered = enumerate(chain(head, waiting))

@@ -147,8 +147,7 @@ class CascadeTraining:
     object_pose: ObjectPose = "placed"
     """The object's pose to learn: where the candidate put it, or where closing left it."""
     most_repeats: int = 20
-    """Grasps of an object and type that has fewer than most are repeated up to so many times, so that all are learned
-    alike; 1 for never."""
+    """Oversample rare pairs of object and type, up to so many copies of a grasp; 1 for never."""
     fold_rotations: bool = True
     """Learn of each rotation the one image under the object's symmetry that lies nearest to a reference; else all of
     them as they come."""
@@ -227,8 +226,8 @@ def repeat_rare(grasps: Grasps, places: NDArray[np.intp], most: int, seed: int) 
     Args:
         grasps: from which to choose.
         places: ``(n,)`` the chosen ones.
-        most: times that one is in the answer at the most.
-        seed: of the draw of those that are in it once more than others.
+        most: most copies of one grasp.
+        seed: picks which grasps get the one extra copy.
 
     Returns:
         The places, each at least once, in order.
@@ -363,7 +362,7 @@ class StageJob:
 
     @property
     def cost(self) -> tuple[bool, int]:
-        """Compare with other stages of the same rows: a metric is work before training and in every step."""
+        """Sort key by the estimated training time: a metric is work before training and in every step."""
         widths = (self.spec.encoder_widths, self.spec.decoder_widths)
         return self.metric is not None, sum(a * b for layers in widths for a, b in pairwise(layers))
 

@@ -49,7 +49,7 @@ def objects_of(cells: Sequence[Pair]) -> dict[str, dict[str, Any]]:
 
 
 def setting_of(hand: Hand, protocol: Protocol, cells: Sequence[Pair]) -> dict[str, Any]:
-    """Describe with what, how and on what trials are done, as the metadata of their rows carries it.
+    """Describe hand, protocol and objects, as the metadata of a study carries them.
 
     Raises:
         InputError: see `objects_of`.
@@ -67,7 +67,7 @@ def setting_of(hand: Hand, protocol: Protocol, cells: Sequence[Pair]) -> dict[st
 
 @dataclass(frozen=True)
 class TrialJob:
-    """Draw one round and try every so-many-th of its grasps, the first and every `stride`-th after it."""
+    """Draw one round and try its grasps ``first::stride``."""
 
     draw: Draw
     hand: Hand

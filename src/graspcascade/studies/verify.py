@@ -12,7 +12,7 @@ from ..core.errors import MAX_SEED, InputError, check_whole
 from ..core.grasps import Grasps
 from ..core.protocols import VARIED, Protocol, as_protocol
 from ..engines import Engine, as_engine
-from ..hands import Hand, load_hand
+from ..hands import Hand, executing_hand
 from .rounds import try_round
 
 _STREAM = 0xE51F
@@ -81,7 +81,7 @@ def verify(
     Raises:
         InputError: no grasps, joints of another hand, or several draws of a protocol that never varies.
     """
-    protocol, hand = as_protocol(protocol), load_hand(grasps.hand if hand is None else hand)
+    protocol, hand = as_protocol(protocol), executing_hand(grasps.hand, hand)
     check_whole("draws", draws, 1, 10_000)
     check_whole("seed", seed, most=MAX_SEED)
     if not len(grasps):

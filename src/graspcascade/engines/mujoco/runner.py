@@ -20,7 +20,7 @@ from ...core.poses import canonical_quat, quat_multiply, rotation_angle
 from ...core.protocols import Conditions, Protocol
 from ...hands import Hand
 from .. import Observer, Progress, check_trials, is_opposed
-from .creep import CreepProjection
+from .creep import FAST_FORWARD, CreepProjection
 from .idle import Idle, IdleFinder, idle_sets, object_moved
 from .quiet import quiet_engine
 from .slots import SlotGroup, Slots, TrialSetup
@@ -53,6 +53,9 @@ class MujocoEngine:
 
     def on_one_thread(self) -> MujocoEngine:  # noqa: D102 (of Engine)
         return replace(self, n_threads=1)
+
+    def abridging(self) -> MujocoEngine:  # noqa: D102 (of Engine)
+        return replace(self, creep=FAST_FORWARD)
 
     def run(
         self,
