@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, fields
 from typing import Any, ClassVar
 
@@ -115,6 +115,13 @@ class Shape(ABC):
 
         group = as_quat(Rotation.create_group(self._rotations.format(turns=turns)))
         return group[np.argsort(np.abs(group[:, 0]) < 1 - 1e-9, kind="stable")]
+
+    def nearest_side(self, direction: ArrayLike, sides: Iterable[str]) -> str:
+        """Choose of some distinct sides, by axis, the one nearest to a direction ``(3,)`` in the body frame."""
+        share = dict.fromkeys(AXES, 0.0)
+        for axis, square in zip(AXES, np.square(direction).tolist(), strict=True):
+            share[self.side_of_axis[axis]] += square
+        return max(sides, key=share.__getitem__)
 
     def has_site(self, site: Site) -> bool:
         """Tell whether both ends of a site lie on the surface, to 2 mm or a quarter of its width."""

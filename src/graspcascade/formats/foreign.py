@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
-from ..core.objects import AXES, GraspObject, as_object
+from ..core.objects import SHAPES, GraspObject, as_object
 from ..core.poses import Pose, quat_conjugate, rotate, rotation_angle
 from ..core.records import objects_from_json
 from ..core.tasks import Tasks
@@ -244,7 +244,7 @@ def foreign_document(
 def _object(row: ForeignGrasp, known: Mapping[str, GraspObject], assume: Assumptions) -> GraspObject:
     named = row.notes.get("object_label", row.object_name)
     # File names and frames cannot hold the colon of a size.
-    spelled = re.sub(r"^(box|cylinder|sphere)_(?=\d)", r"\1:", str(named), flags=re.IGNORECASE)
+    spelled = re.sub(rf"^({'|'.join(SHAPES)})_(?=\d)", r"\1:", str(named), flags=re.IGNORECASE)
     try:
         obj = known[str(named)] if str(named) in known else as_object(spelled)
     except InputError as error:
@@ -284,7 +284,5 @@ def _facts(row: ForeignGrasp, kind: GraspType, obj: GraspObject, assume: Assumpt
 def _nearest_side(row: ForeignGrasp, kind: GraspType, obj: GraspObject, hand: Hand) -> str:
     """Choose the graspable side whose body axis is nearest to the posture's opposition axis."""
     thumb, other = hand.opposition(np.array([[row.posture[name] for name in hand.joint_names]]), kind)
-    along = np.abs(rotate(quat_conjugate(row.X_hand_object.quat_wxyz), (other - thumb)[0]))
-    if obj.shape.kind == "cylinder":
-        along = np.array([np.hypot(along[0], along[1]), 0.0, along[2]])
-    return max(obj.sites(hand.reach_m) or obj.sites(), key=lambda axis: float(along[AXES.index(axis)]))
+    along = rotate(quat_conjugate(row.X_hand_object.quat_wxyz), (other - thumb)[0])
+    return obj.shape.nearest_side(along, obj.sites(hand.reach_m) or obj.sites())
