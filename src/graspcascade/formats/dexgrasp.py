@@ -190,7 +190,8 @@ def write_net(path: Path, document: GraspDocument, options: ExportOptions) -> No
     """Write one object's grasps to a file, or to a folder a file for each object with its meshes."""
     grasps = document.grasps
     contact, notes, each = _in_contact(document, options, NET, NET_CONVENTIONS)
-    palm, rows = contact.X_hand_object.inverse(), []
+    palm = contact.X_hand_object.inverse()
+    rows: list[dict[str, Any]] = []
     with warnings.catch_warnings():
         # At a pitch of 90 degrees roll and yaw are one; scipy says so and sets one to zero, which is as good as any.
         warnings.simplefilter("ignore", UserWarning)
@@ -207,10 +208,12 @@ def write_net(path: Path, document: GraspDocument, options: ExportOptions) -> No
     shape = '<geometry><mesh filename="coacd_convex_piece_0.obj" scale="1 1 1"/></geometry>'
     if path.is_dir():
         (path / "dataset").mkdir()
-    for name, file, mine in foreign.object_files(path, path / "dataset", ".npy", grasps.tasks, "a DexGraspNet"):
-        save_objects(file, [rows[i] | {KEY: rows[i][KEY] | {"n_grasps": len(mine)}} for i in mine])
+    for obj, file, mine in foreign.object_files(path, path / "dataset", ".npy", grasps.tasks, "a DexGraspNet"):
+        for i in mine:
+            rows[i][KEY]["n_grasps"] = len(mine)
+        save_objects(file, [rows[i] for i in mine])
         if path.is_dir():
-            mesh, folder = shape_mesh(grasps.tasks.objects[name].shape), path / "meshdata" / file.stem / "coacd"
+            mesh, folder = shape_mesh(obj.shape), path / "meshdata" / file.stem / "coacd"
             write_obj(folder / "decomposed.obj", mesh)
             write_obj(folder / "coacd_convex_piece_0.obj", mesh)
             (folder / "coacd.urdf").write_text(

@@ -19,8 +19,8 @@ from ..core.grasps import Grasps, check_numbers
 from ..core.objects import AXES, CATALOGUE, GraspObject
 from ..core.outcomes import Outcomes
 from ..core.poses import Pose
-from ..core.records import Columns, objects_to_json, read_tasks
-from ..core.tasks import Task
+from ..core.records import Columns, check_widths, objects_to_json
+from ..core.tasks import Task, Tasks
 from ..hands import Hand, is_left
 
 if TYPE_CHECKING:
@@ -250,11 +250,11 @@ def _named_hand(head: Mapping[str, Any], given: Hand | None) -> tuple[str, Hand 
 
 
 def to_document(
-    head: Mapping[str, Any], joint_names: Sequence[str], columns: Columns, objects: object, hand: Hand | None
+    head: Mapping[str, Any], joint_names: Sequence[str], columns: Columns, tasks: Tasks, hand: Hand | None
 ) -> GraspDocument:
     """Check the columns read from a file and make a document of them.
 
-    The columns are `LABELS`, `NUMBERS`, `ANGLES` and `POSE_PARTS`, one row a grasp. Angles must keep the limits of the
+    The columns are `NUMBERS`, `ANGLES` and `POSE_PARTS`, one row a task. Angles must keep the limits of the
     hand, by default the shipped one that the file is for, if it is of such a hand.
     """
     name, hand = _named_hand(head, hand)
@@ -265,8 +265,7 @@ def to_document(
             notes = (f"the grasps are of hand {shown(name)}, not of {hand.name!r}", *notes)
     except InputError as error:
         raise FileFormatError(str(error)) from error
-    kinds, names, axes = (columns[label] for label in LABELS)
-    tasks = read_tasks(kinds, names, axes, columns["side_m"], objects)
+    check_widths(tasks, columns["side_m"])
     pose = _exact_pose(columns["position_m"], columns["quat_wxyz"])
     numbers = {key: columns[key] for key in (*ANGLES, "position_m", *UNKNOWABLE)}
     grasps = Grasps.from_columns(name, joint_names, tasks, numbers | {"quat_wxyz": pose.quat_wxyz})
@@ -287,9 +286,8 @@ def fact_rows(grasps: Grasps) -> list[dict[str, Any]]:
 
 
 def stack(rows: Sequence[Mapping[str, Any]], joint_names: Sequence[str]) -> Columns:
-    """Make columns of rows, each a mapping of `LABELS`, `NUMBERS`, angles by joint name and a pose's parts."""
-    columns: Columns = {name: np.array([row[name] for row in rows], dtype=str) for name in LABELS}
-    columns |= {name: np.array([row[name] for row in rows], dtype=np.float64) for name in NUMBERS}
+    """Make columns of rows, each a mapping of `NUMBERS`, angles by joint name and a pose's parts."""
+    columns: Columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in NUMBERS}
     for name in ANGLES:
         angles = [[row[name][joint] for joint in joint_names] for row in rows]
         columns[name] = np.array(angles, dtype=np.float64).reshape(-1, len(joint_names))

@@ -79,13 +79,13 @@ def write_isaac(path: Path, document: GraspDocument, options: ExportOptions) -> 
         }
         for i in range(len(grasps))
     ]
-    for name, file, mine in foreign.object_files(path, path, ".yaml", grasps.tasks, "an isaac_grasp"):
+    for obj, file, mine in foreign.object_files(path, path, ".yaml", grasps.tasks, "an isaac_grasp"):
         data = {
             "format": "isaac_grasp",
             "format_version": 1.0,
             # Before the grasps, so that a file cut off among them can be told from a whole one.
             KEY: notes | {"grasps": {f"grasp_{i}": each[i] for i in mine}},
-            f"object_{options.frame_keys}": name,
+            f"object_{options.frame_keys}": obj.name,
             f"gripper_{options.frame_keys}": options.joint_prefix + hand.body,
             "object_scale": 1.0,
             "grasps": {f"grasp_{i}": rows[i] for i in mine},

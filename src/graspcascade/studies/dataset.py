@@ -24,7 +24,7 @@ from ..core.grasps import Grasps
 from ..core.outcomes import PALM, VERDICTS, Outcomes
 from ..core.poses import Pose, canonical_quat
 from ..core.protocols import Conditions
-from ..core.records import Columns, gather, gather_pose, read_tasks, spread, spread_pose
+from ..core.records import Columns, check_widths, gather, gather_pose, read_tasks, spread, spread_pose
 from ..core.taxonomy import DIGITS
 
 METADATA_FILE = "metadata.json"
@@ -184,10 +184,12 @@ def from_columns(
         types, objects, axes = (columns[name] for name in ("grasp_type", "object_label", "side_axis"))
         numbers = {name: np.asarray(columns[name], dtype=np.float64) for name in (*_GRASP_NUMBERS, *_OUTCOME_NUMBERS)}
         posture = gather(columns, "posture", joint_names)
+        tasks = read_tasks(types, objects, axes, about.get("objects", {}))
+        check_widths(tasks, numbers["side_m"])
         grasps = Grasps(
             hand=str(about.get("hand", "")),
             joint_names=joint_names,
-            tasks=read_tasks(types, objects, axes, numbers["side_m"], about.get("objects", {})),
+            tasks=tasks,
             posture=posture,
             pregrasp=np.broadcast_to(np.asarray(about["pregrasp_rad"]), posture.shape).copy(),
             X_hand_object=_unit_pose(columns, "object"),
