@@ -128,15 +128,14 @@ class ExportOptions:
 
     def with_rates_of(self, metadata: Mapping[str, Any]) -> ExportOptions:
         """Add the measured rates that a document's metadata carries (see `GraspSampler.measured`); own rates win."""
-        try:
-            carried = {
-                (kind, name): float(cell["held"]) / float(cell["n"])
-                for key, cell in dict(metadata.get("measured", {})).items()
-                for kind, name in [key.split("/")]
-            }
-            return replace(self, held_rates=carried | dict(self.held_rates))
-        except (TypeError, ValueError, KeyError, ZeroDivisionError):
-            return self  # metadata is free-form: what does not read as rates is none
+        carried = {}
+        for key, cell in mapping(metadata.get("measured")).items():
+            kind, _, name = str(key).partition("/")  # names of objects may have slashes, those of types have none
+            # Metadata is free-form: what does not read as a rate is none.
+            with contextlib.suppress(ArithmeticError, LookupError, TypeError, ValueError):
+                if 0 <= (rate := float(cell["held"]) / float(cell["n"])) <= 1:
+                    carried[kind, name] = rate
+        return replace(self, held_rates=carried | dict(self.held_rates))
 
 
 @dataclass(frozen=True)
