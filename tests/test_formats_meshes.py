@@ -53,9 +53,6 @@ def test_a_shape_that_is_none_of_ours_is_not_taken_for_a_ball() -> None:
         def _images(self, quat: Array, reference: Array) -> Array:
             return quat
 
-        def _draw(self, rng: np.random.Generator, n: int) -> Array:
-            raise NotImplementedError
-
     with pytest.raises(NotImplementedError, match="no mesh for a Wedge"):
         shape_mesh(Wedge())
 

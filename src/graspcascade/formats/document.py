@@ -84,13 +84,11 @@ class ExportOptions:
             hand without a wrist has its palm only.
         joint_prefix: put before link and joint names, such as ``rh_``.
         joint_numbering: 1, or 0 to name joints as older Shadow models do, whose ``FFJ3`` is ``FFJ4`` here; angles stay.
-        approach_m: length of the approach before closing, metres.
-        retreat_m: length of the retreat after closing, metres.
         object_root: folder that object paths are written under; by default the exported folder's own, absolute.
         hand: the hand; by default the shipped one that the grasps are for.
 
     Raises:
-        InputError: a rate outside [0, 1], a negative length, a left hand's prefix or an unknown choice.
+        InputError: a rate outside [0, 1], a left hand's prefix or an unknown choice.
     """
 
     held_rates: Mapping[tuple[str, str], float] = field(default_factory=dict)
@@ -101,16 +99,12 @@ class ExportOptions:
     parent_link: Literal["forearm", "palm"] = "forearm"
     joint_prefix: str = ""
     joint_numbering: Literal[0, 1] = 1
-    approach_m: float = 0.1
-    retreat_m: float = 0.1
     object_root: str | None = None
     hand: Hand | None = None
 
     def __post_init__(self) -> None:
         if any(not 0 <= rate <= 1 for rate in self.held_rates.values()):
             raise InputError("a held rate must lie between 0 and 1")
-        if not (0 <= self.approach_m < np.inf and 0 <= self.retreat_m < np.inf):
-            raise InputError(f"approach and retreat must be lengths, got {self.approach_m} m and {self.retreat_m} m")
         if is_left(self.joint_prefix):
             raise InputError(f"joint prefix {self.joint_prefix!r} is of a left hand; all hands here are right ones")
         for name in _CHOICES:
