@@ -43,6 +43,7 @@ from graspcascade.proposals.heuristic import opposition_points, place
 from graspcascade.proposals.prior import PosturePrior
 from graspcascade.studies.dataset import Dataset
 from graspcascade.studies.learn import CascadeTraining, FittedCascade, fit_cascade, prepare, repeat_rare
+from symmetries import random_symmetry
 
 HAND = load_hand("shadow")
 TINY = CascadeTraining(training=TrainingSpec(epochs=2, batch_size=64))
@@ -207,7 +208,7 @@ def test_images_of_a_grasp_fold_to_the_one_nearest_to_the_reference(frame: Frame
     assert (away <= (2 * np.pi / 3 if obj.shape.kind == "box" else np.pi / 2) + 1e-6).all()
     clear = ways[:, 1] - ways[:, 0] > 1e-6  # a rotation midway between two images folds to either
     for _ in range(20):
-        image = canonical_quat(quat_multiply(quat, obj.shape.random_symmetry(rng, 6)))
+        image = canonical_quat(quat_multiply(quat, random_symmetry(obj.shape, rng, 6)))
         assert (away <= rotation_angle(image, towards) + 1e-6).all()
         assert (rotation_angle(fold(image), folded)[clear] < 1e-6).all()
 
@@ -388,7 +389,7 @@ def test_rows_asked_together_are_sampled_as_rows_asked_alone(fitted: FittedCasca
     def drawn(types: list[str], labels: list[str], axes: list[str]) -> Grasps:
         rng = np.random.default_rng()
         rng.bit_generator.state = draws
-        return sampler.propose(Tasks.from_names(types, labels, axes), rng)
+        return sampler.propose(Tasks.of(map(Task.of, types, labels, axes)), rng)
 
     alike = drawn(["tripod"] * 8, ["box_small"] * 8, ["x"] * 8)
     mixed = drawn(["tripod"] * 7 + ["tip_pinch"], ["box_small"] * 7 + ["cylinder_small"], ["x"] * 7 + ["z"])
@@ -404,16 +405,16 @@ def test_one_bad_row_among_many_is_refused_as_if_it_were_alone(
     fitted: FittedCascade, row: tuple[str, str, str], message: str, mode: SizeMode
 ) -> None:
     sampler = dataclasses.replace(fitted.sampler, size_mode=mode)
-    names = np.array([("tip_pinch", "box_large", "y")] * 5 + [row]).T
+    rows = [("tip_pinch", "box_large", "y")] * 5 + [row]
     with pytest.raises(InputError, match=message):
-        sampler.propose(Tasks.from_names(*names), np.random.default_rng(0))
+        sampler.propose(Tasks.of(Task.of(*row) for row in rows), np.random.default_rng(0))
 
 
 def test_rows_may_be_spelled_as_a_single_request_may(fitted: FittedCascade) -> None:
     spelled = [("Tip pinch", "box-small", "z"), ("tripod", "Sphere_Small", "y"), ("tripod", "cylinder_small", "y")]
     plain = [("tip_pinch", "box_small", "z"), ("tripod", "sphere_small", "x"), ("tripod", "cylinder_small", "x")]
     one, two = (
-        fitted.sampler.propose(Tasks.from_names(*np.array(rows).T), np.random.default_rng(1)).columns()
+        fitted.sampler.propose(Tasks.of(Task.of(*row) for row in rows), np.random.default_rng(1)).columns()
         for rows in (spelled, plain)
     )
     for name, column in two.items():
@@ -426,7 +427,7 @@ def test_quantities_are_shared_when_their_columns_are() -> None:
     for types, labels, axes, code in itertools.product(("a", "ab"), ("a", "ab"), ("x", "xz"), get_args(ObjectCode)):
         n = 12
         names = [rng.choice(list(GRASP_TYPES)[: len(types)], n), rng.choice(list(CATALOGUE)[: len(labels)], n)]
-        tasks = Tasks.from_names(*names, rng.choice(list(axes), n))
+        tasks = Tasks.of(map(Task.of, *names, rng.choice(list(axes), n)))
         request = Request(tasks, tasks.side_m - 0.005, tasks.side_m + 0.01)
         columns = encode_request(request, code)
         assert shared_quantities(request) == {name for name, value in columns.items() if (value == value[0]).all()}

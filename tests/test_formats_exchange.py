@@ -253,7 +253,6 @@ def test_confidence_is_the_grasps_own_then_the_measured_rate_then_zero(
     [
         {"held_rates": {("tripod", "box_medium"): 1.5}},
         {"parent_link": "elbow"},
-        {"approach_m": -1.0},
         {"joint_prefix": "lh_"},
         {"joint_numbering": 2},
         {"contact": "soft"},

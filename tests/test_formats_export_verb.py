@@ -102,7 +102,7 @@ def test_an_evaluation_gives_the_confidence(export: Export, saved: Path, tmp_pat
     rows = yaml.safe_load((tmp_path / "known.yaml").read_text())["grasps"]
     assert [row["grasp_quality"] for row in rows] == [0.75] * 3
     assert rows[0]["grasp_posture"]["joint_names"][0] == "rh_WRJ2"
-    said = export(*arguments, "--out", tmp_path / "unknown.yaml")
+    said = export(saved, "--format", "moveit-grasp", "--out", tmp_path / "unknown.yaml")
     assert "3 of them have no measured confidence" in said.out
     said = export(*arguments, "--out", tmp_path / "x.yaml", "--evaluation", saved)
     assert said.status == 2

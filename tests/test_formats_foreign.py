@@ -127,6 +127,14 @@ def test_a_quality_that_is_no_chance_is_left_out_and_told(grasps: Grasps, tmp_pa
     assert document.notes == ("the confidence of 1 grasps is no chance between 0 and 1 and was left out",)
 
 
+def test_measured_rates_that_read_as_such_are_carried() -> None:
+    cells = {"tripod/mug a/b": {"held": 3, "n": 4}, "tripod/x": {"held": 5, "n": 4}, "tripod/y": {"held": 0, "n": 0}}
+    for damaged in ({}, {"tripod/z": None}, {1: {}}, {"tripod": {"held": "many", "n": 1}}):
+        options = ExportOptions().with_rates_of({"measured": cells | damaged})
+        assert options.held_rates == {("tripod", "mug a/b"): 0.75}
+    assert ExportOptions().with_rates_of({"measured": [1]}).held_rates == {}
+
+
 def test_measured_rates_are_not_those_of_another_size(grasps: Grasps) -> None:
     options = ExportOptions(held_rates={("tripod", "box_medium"): 0.7, ("tripod", "mug"): 0.4})
     longer, mug = GraspObject("box_medium", Box(0.03, 0.045, 0.1)), GraspObject("mug", Box(0.03, 0.045, 0.1))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from graspcascade.core.grasps import Grasps
-from graspcascade.core.objects import CATALOGUE
+from graspcascade.core.objects import CATALOGUE, Array, Shape
 from graspcascade.formats import ExportOptions, save_grasps
-from graspcascade.worlds.meshes import object_mesh, write_obj
+from graspcascade.worlds.meshes import shape_mesh, write_obj
 
 TARGET = ExportOptions(contact="target")
 every_object = pytest.mark.parametrize("label", list(CATALOGUE))
@@ -18,7 +18,7 @@ every_object = pytest.mark.parametrize("label", list(CATALOGUE))
 
 @every_object
 def test_a_mesh_is_closed_convex_and_faces_outwards(label: str) -> None:
-    mesh = object_mesh(CATALOGUE[label])
+    mesh = shape_mesh(CATALOGUE[label].shape)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     assert mesh.is_convex
@@ -28,7 +28,7 @@ def test_a_mesh_is_closed_convex_and_faces_outwards(label: str) -> None:
 
 @every_object
 def test_a_mesh_has_the_objects_extents_and_volume(label: str) -> None:
-    obj, mesh = CATALOGUE[label], object_mesh(CATALOGUE[label])
+    obj, mesh = CATALOGUE[label], shape_mesh(CATALOGUE[label].shape)
     np.testing.assert_allclose(mesh.extents, obj.extents_m, rtol=2e-3)
     np.testing.assert_allclose(mesh.bounds.sum(axis=0), 0.0, atol=1e-15)
     assert 0.99 * obj.shape.volume_m3 < mesh.volume <= obj.shape.volume_m3 * (1 + 1e-12)
@@ -36,7 +36,7 @@ def test_a_mesh_has_the_objects_extents_and_volume(label: str) -> None:
 
 @every_object
 def test_a_meshs_vertices_lie_on_the_surface(label: str) -> None:
-    obj, mesh = CATALOGUE[label], object_mesh(CATALOGUE[label])
+    obj, mesh = CATALOGUE[label], shape_mesh(CATALOGUE[label].shape)
     half = np.array(obj.extents_m) / 2
     unit = np.abs(mesh.vertices) / half
     if obj.shape.kind == "sphere":
@@ -48,9 +48,18 @@ def test_a_meshs_vertices_lie_on_the_surface(label: str) -> None:
     np.testing.assert_allclose(distance, 1.0, atol=1e-9)
 
 
+def test_a_shape_that_is_none_of_ours_is_not_taken_for_a_ball() -> None:
+    class Wedge(Shape):
+        def _images(self, quat: Array, reference: Array) -> Array:
+            return quat
+
+    with pytest.raises(NotImplementedError, match="no mesh for a Wedge"):
+        shape_mesh(Wedge())
+
+
 @every_object
 def test_an_obj_file_holds_the_mesh_to_the_last_bit(label: str, tmp_path: Path) -> None:
-    mesh = object_mesh(CATALOGUE[label])
+    mesh = shape_mesh(CATALOGUE[label].shape)
     write_obj(tmp_path / "m.obj", mesh)
     lines = [line.split() for line in (tmp_path / "m.obj").read_text().splitlines()]
     vertices = np.array([[float(v) for v in line[1:]] for line in lines if line[0] == "v"])

@@ -297,7 +297,7 @@ def test_symmetric_copies_place_the_hand_elsewhere_and_the_objects_surface_where
 
 def test_copies_of_mixed_shapes_follow_their_originals_in_order() -> None:
     names = ["sphere_small", "box_small", "sphere_large", "box_small"]
-    grasps = make_grasps(4, tasks=Tasks.from_names(["tripod"] * 4, names, ["x"] * 4))
+    grasps = make_grasps(4, tasks=Tasks.of(map(Task.of, ["tripod"] * 4, names, ["x"] * 4)))
     copies = grasps.symmetric_copies()
     assert len(copies) == 24 + 4 + 24 + 4
     order = np.repeat(np.arange(4), [24, 4, 24, 4])

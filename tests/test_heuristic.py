@@ -244,7 +244,7 @@ def test_sides_are_drawn_for_each_object_of_a_mixed_batch(hand: Hand) -> None:
 
 def test_equivalent_axes_become_the_one_that_names_the_side(hand: Hand) -> None:
     posture = hand.pregrasp[None].repeat(3, axis=0)
-    tasks = Tasks.from_names(["tripod"] * 3, ["cylinder_small", "sphere_small", "box_small"], ["y", "z", "y"])
+    tasks = Tasks.of(map(Task.of, ["tripod"] * 3, ["cylinder_small", "sphere_small", "box_small"], ["y", "z", "y"]))
     assert place(hand, posture, tasks, np.random.default_rng(0)).side_axis.tolist() == ["x", "x", "y"]
 
 

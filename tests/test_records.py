@@ -5,7 +5,7 @@ import pytest
 
 from graspcascade.core.errors import FileFormatError, InputError
 from graspcascade.core.objects import CATALOGUE, Box, GraspObject, Sphere
-from graspcascade.core.records import objects_from_json, objects_to_json, read_tasks
+from graspcascade.core.records import check_widths, objects_from_json, objects_to_json, read_tasks
 from graspcascade.core.tasks import Task, Tasks
 
 CUP = GraspObject("cup", Sphere(0.05), 300.0)
@@ -16,7 +16,9 @@ TASKS = Tasks.of(
 
 def read(tasks: Tasks, objects: object, **columns: list) -> Tasks:
     given = {"grasp_types": tasks.grasp_type, "names": tasks.object_name, "axes": tasks.side_axis} | columns
-    return read_tasks(given["grasp_types"], given["names"], given["axes"], given.get("side_m", tasks.side_m), objects)
+    got = read_tasks(given["grasp_types"], given["names"], given["axes"], objects)
+    check_widths(got, given.get("side_m", tasks.side_m))
+    return got
 
 
 def test_tasks_survive_the_way_through_a_file() -> None:

@@ -61,20 +61,6 @@ def test_rows_are_the_tasks_in_order_and_equal_ones_are_stored_once(places: list
     assert set(tasks.objects) == {TASKS[place].object.name for place in places}
 
 
-@given(rows)
-def test_names_make_the_same_tasks_as_tasks_themselves(places: list[int]) -> None:
-    tasks = batch(places)
-    again = Tasks.from_names(tasks.grasp_type, tasks.object_name, tasks.side_axis)
-    assert again.same_as(tasks)
-    by_value = Tasks.from_names(tasks.grasp_type, [task.object for task in tasks], tasks.side_axis)
-    assert by_value.same_as(tasks)
-
-
-def test_columns_of_names_must_be_as_long() -> None:
-    with pytest.raises(InputError, match=r"as many each, got \[2, 1, 2\]"):
-        Tasks.from_names(["tripod"] * 2, ["box_small"], ["x", "y"])
-
-
 @given(rows, st.data())
 def test_slices_indices_and_masks_select_rows(places: list[int], data: st.DataObject) -> None:
     tasks = batch(places)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import sys
 import threading
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +20,7 @@ from ..core.intervals import wilson
 from ..core.objects import as_object
 from ..core.poses import Pose
 from ..core.taxonomy import as_type
-from ..formats.registry import format_to_read, format_to_write
+from ..formats.registry import GraspFormat, format_to_read, format_to_write
 from ..proposals.heuristic import SCREENED, SCREENING_DRAWS, cannot_touch
 from . import console
 from .console import (
@@ -44,20 +43,6 @@ if TYPE_CHECKING:
     from ..viewer.page import Start
 
 _PICTURED = 4
-_YAML = ("isaac_grasp", "moveit_grasp")
-_READ: Mapping[str, tuple[str, ...]] = {
-    "joint_numbering": _YAML,
-    **dict.fromkeys(("grasp_type", "object", "side_axis"), (*_YAML, "dexgraspbench", "dexgraspnet")),
-}
-"""Options that say something only of files read in some formats, and of these."""
-_WRITTEN: Mapping[str, tuple[str, ...]] = {
-    "frame_id": ("moveit_grasp",),
-    "parent_link": ("moveit_grasp",),
-    "frame_keys": ("isaac_grasp",),
-    "object_root": ("dexgraspbench",),
-    **dict.fromkeys(("joint_prefix", "joint_numbering", "evaluation"), _YAML),
-}
-"""Likewise of files written."""
 _FORMAT_HELP = "Format to write; by default the suffix of --out says. One of " + "; ".join(
     f"{name} ({known.description})" for name, known in formats.FORMATS_BY_NAME.items()
 )
@@ -307,7 +292,7 @@ class Export:
         obj = None if self.object is None else as_object(self.object)
         console.check_exists(self.grasps)
         assume = formats.Assumptions(kind, obj, self.side_axis, self.joint_numbering, hand)
-        self._check_served(format_to_read(self.grasps, self.from_format).name, written.name)
+        self._check_served(format_to_read(self.grasps, self.from_format), written)
         document = formats.load_document(self.grasps, self.from_format, trust_pickle=self.trust_pickle, assume=assume)
         grasps, metadata, outcomes = document.grasps, document.metadata, None
         if not len(grasps):
@@ -348,16 +333,16 @@ class Export:
         print(f"wrote {len(grasps)} grasps to {self.out}")
         if held is not None:
             print(f"{held} of them held in the trial")
-        if unknown and self.format in ("isaac_grasp", "moveit_grasp"):
+        if unknown and "evaluation" in written.writes_options:
             print(f"{unknown} of them have no measured confidence and say 0: --evaluation FILE.json gives it")
 
-    def _check_served(self, read: str, written: str) -> None:
-        for option in fields(self):
-            reads, writes = _READ.get(option.name, ()), _WRITTEN.get(option.name, ())
-            unused = (reads or writes) and read not in reads and written not in writes
-            if unused and getattr(self, option.name) != option.default:
-                name, of = option.name.replace("_", "-"), ", ".join(sorted({*reads, *writes}))
-                raise InputError(f"--{name} says nothing of an export from {read} to {written}; it is for {of}")
+    def _check_served(self, read: GraspFormat, written: GraspFormat) -> None:
+        every = formats.FORMATS_BY_NAME.values()
+        for option in (option for option in fields(self) if getattr(self, option.name) != option.default):
+            of = sorted(one.name for one in every if option.name in (*one.reads_options, *one.writes_options))
+            if of and option.name not in (*read.reads_options, *written.writes_options):
+                useless = f"--{option.name.replace('_', '-')} says nothing of an export from {read.name}"
+                raise InputError(f"{useless} to {written.name}; it is for {', '.join(of)}")
 
 
 def _other_origin(evaluation: Evaluation, document: formats.GraspDocument) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, fields
 from typing import Any, ClassVar
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError, check_name, shortened, unknown
-from .poses import as_quat, as_rotation, canonical_quat, quat_conjugate, quat_multiply
+from .poses import as_quat, canonical_quat, quat_conjugate, quat_multiply
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -98,13 +98,6 @@ class Shape(ABC):
     @abstractmethod
     def _images(self, quat: Array, reference: Array) -> Array: ...  # equivalents, the nearest among them
 
-    def random_symmetry(self, rng: np.random.Generator, n: int) -> Array:
-        """Draw ``(n, 4)`` rotations of the symmetry group, wxyz."""
-        return canonical_quat(self._draw(rng, n))
-
-    @abstractmethod
-    def _draw(self, rng: np.random.Generator, n: int) -> Array: ...
-
     def symmetries(self, turns: int = 8) -> Array:
         """List rotations ``(k, 4)`` that map the shape onto itself, the identity first.
 
@@ -115,6 +108,13 @@ class Shape(ABC):
 
         group = as_quat(Rotation.create_group(self._rotations.format(turns=turns)))
         return group[np.argsort(np.abs(group[:, 0]) < 1 - 1e-9, kind="stable")]
+
+    def nearest_side(self, direction: ArrayLike, sides: Iterable[str]) -> str:
+        """Choose of some distinct sides, by axis, the one nearest to a direction ``(3,)`` in the body frame."""
+        share = dict.fromkeys(AXES, 0.0)
+        for axis, square in zip(AXES, np.square(direction).tolist(), strict=True):
+            share[self.side_of_axis[axis]] += square
+        return max(sides, key=share.__getitem__)
 
     def has_site(self, site: Site) -> bool:
         """Tell whether both ends of a site lie on the surface, to 2 mm or a quarter of its width."""
@@ -145,9 +145,6 @@ class Box(Shape):
     def _images(self, quat: Array, reference: Array) -> Array:
         return quat_multiply(quat, _HALF_TURNS)
 
-    def _draw(self, rng: np.random.Generator, n: int) -> Array:
-        return _HALF_TURNS[rng.integers(4, size=n)]
-
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
@@ -167,12 +164,6 @@ class Cylinder(Shape):
         norm = np.linalg.norm(turn, axis=-1, keepdims=True)
         return quat_multiply(flipped, np.where(norm > 1e-12, turn / np.maximum(norm, 1e-12), _HALF_TURNS[0]))
 
-    def _draw(self, rng: np.random.Generator, n: int) -> Array:
-        turns = np.zeros((n, 3))
-        turns[:, 2] = rng.uniform(0, 2 * np.pi, n)
-        spin = as_quat(as_rotation(_HALF_TURNS[0]).from_rotvec(turns))
-        return quat_multiply(spin, _HALF_TURNS[rng.integers(2, size=n)])
-
 
 @dataclass(frozen=True)
 class Sphere(Shape):
@@ -185,9 +176,6 @@ class Sphere(Shape):
 
     def _images(self, quat: Array, reference: Array) -> Array:
         return reference
-
-    def _draw(self, rng: np.random.Generator, n: int) -> Array:
-        return rng.normal(size=(n, 4))
 
 
 SHAPES: Mapping[str, type[Shape]] = {shape.kind: shape for shape in (Box, Cylinder, Sphere)}

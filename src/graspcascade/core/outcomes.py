@@ -90,13 +90,14 @@ class Outcomes:
     def columns(self) -> dict[str, NDArray[Any]]:
         """Collect every per-trial array by name, the settled pose as position and quaternion."""
         own = {k: v for k, v in vars(self).items() if k not in ("digits", "X_hand_object_settled")}
-        return own | {f"settled_{name}": part for name, part in vars(self.X_hand_object_settled).items()}
+        settled = self.X_hand_object_settled
+        return own | {"settled_position_m": settled.position_m, "settled_quat_wxyz": settled.quat_wxyz}
 
     @classmethod
     def from_columns(cls, digits: Sequence[str], columns: Mapping[str, NDArray[Any]]) -> Outcomes:
         """Rebuild from `columns()`."""
-        rest = {k: v for k, v in columns.items() if not k.startswith("settled_") or k == "settled_posture"}
-        pose = Pose(columns["settled_position_m"], columns["settled_quat_wxyz"])
+        rest = dict(columns)
+        pose = Pose(rest.pop("settled_position_m"), rest.pop("settled_quat_wxyz"))
         return cls(digits=tuple(digits), X_hand_object_settled=pose, **rest)
 
     def __getitem__(self, rows: Any) -> Outcomes:

@@ -59,20 +59,17 @@ def objects_from_json(data: object) -> dict[str, GraspObject]:
         raise FileFormatError(str(error)) from error
 
 
-def read_tasks(
-    grasp_types: ArrayLike, names: ArrayLike, axes: ArrayLike, side_m: NDArray[np.float64], objects: object
-) -> Tasks:
+def read_tasks(grasp_types: ArrayLike, names: ArrayLike, axes: ArrayLike, objects: object) -> Tasks:
     """Make tasks of a file's columns ``(n,)``.
 
     Args:
         grasp_types: type names.
         names: names of objects that the file carries or of the catalogue, or sizes.
         axes: body axes of the sides held.
-        side_m: widths as the file has them, metres.
         objects: what the file says of its objects, by name.
 
     Raises:
-        FileFormatError: a row names something unknown, or a width that is not its object's; rows count from 0.
+        FileFormatError: a row names something unknown; rows count from 0.
     """
     own = objects_from_json(objects)
     columns = (np.asarray(column, dtype=str).tolist() for column in (grasp_types, names, axes))
@@ -87,8 +84,12 @@ def read_tasks(
             except InputError as error:
                 raise FileFormatError(f"grasp {row}: {error}") from error
         tasks.append(made[cell])
-    for row, (task, width) in enumerate(zip(tasks, np.asarray(side_m).tolist(), strict=True)):
-        if not abs(task.site.width_m - width) <= _TOLERANCE_M:
-            site = f"side {task.site.name} of {task.object.name} is {task.site.width_m:g} m"
-            raise FileFormatError(f"grasp {row}: its side is {width:g} m wide, but {site}")
     return Tasks.of(tasks)
+
+
+def check_widths(tasks: Tasks, side_m: NDArray[np.float64]) -> None:
+    """Check that widths ``(n,)`` of a file, metres, are those of the tasks; a FileFormatError tells of the first."""
+    for row in np.flatnonzero(~(np.abs(tasks.side_m - side_m) <= _TOLERANCE_M))[:1].tolist():
+        (task,) = tasks[[row]].distinct
+        site = f"side {task.site.name} of {task.object.name} is {task.site.width_m:g} m"
+        raise FileFormatError(f"grasp {row}: its side is {side_m[row]:g} m wide, but {site}")

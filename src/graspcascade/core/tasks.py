@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .errors import InputError, check_whole
 from .objects import GraspObject, Site, as_object
@@ -77,18 +77,6 @@ class Tasks:
         """Repeat one task n times."""
         check_whole("n", n, most=_MOST_ROWS)
         return cls((task,), np.zeros(n, dtype=np.intp))
-
-    @classmethod
-    def from_names(
-        cls, grasp_types: ArrayLike, objects: Sequence[GraspObject | str] | NDArray[Any], axes: ArrayLike
-    ) -> Tasks:
-        """Make tasks from columns of one length: type names, objects or their spellings, and body axes of sides."""
-        columns = [np.asarray(grasp_types, dtype=str).tolist(), list(objects), np.asarray(axes, dtype=str).tolist()]
-        if len(set(lengths := [len(column) for column in columns])) > 1:
-            raise InputError(f"types, objects and side axes must be as many each, got {lengths}")
-        cells = list(zip(*columns, strict=True))
-        made = {cell: Task.of(*cell) for cell in dict.fromkeys(cells)}
-        return cls.of(made[cell] for cell in cells)
 
     def __len__(self) -> int:
         """Count the rows."""

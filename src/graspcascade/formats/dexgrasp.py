@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
 from ..core.poses import Pose, as_quat, as_rotation
-from ..worlds.meshes import object_mesh, write_obj
+from ..worlds.meshes import shape_mesh, write_obj
 from . import document as doc
 from . import foreign
 from .document import ANGLES, Assumptions, ExportOptions, GraspDocument, mapping, number, pose_of
@@ -73,7 +73,7 @@ def write_bench(path: Path, document: GraspDocument, options: ExportOptions) -> 
             row[state] = np.concatenate([base.position_m[i], base.quat_wxyz[i], angles[i, columns]])
         save_objects(folder / _FILE.format(i), row | {KEY: notes | {"grasp": each[i]}})
     for name, obj in grasps.tasks.objects.items():
-        mesh, folder = object_mesh(obj), path / "objects" / stems[name]
+        mesh, folder = shape_mesh(obj.shape), path / "objects" / stems[name]
         write_obj(folder / "urdf" / "meshes" / "convex_piece_000.obj", mesh)
         # The mesh's own volume: the benchmark sets a density so that the meshed object has a given mass.
         info = {"mass": float(mesh.volume), "density": 1.0, "scale": 1.0}
@@ -190,7 +190,8 @@ def write_net(path: Path, document: GraspDocument, options: ExportOptions) -> No
     """Write one object's grasps to a file, or to a folder a file for each object with its meshes."""
     grasps = document.grasps
     contact, notes, each = _in_contact(document, options, NET, NET_CONVENTIONS)
-    palm, rows = contact.X_hand_object.inverse(), []
+    palm = contact.X_hand_object.inverse()
+    rows: list[dict[str, Any]] = []
     with warnings.catch_warnings():
         # At a pitch of 90 degrees roll and yaw are one; scipy says so and sets one to zero, which is as good as any.
         warnings.simplefilter("ignore", UserWarning)
@@ -207,10 +208,12 @@ def write_net(path: Path, document: GraspDocument, options: ExportOptions) -> No
     shape = '<geometry><mesh filename="coacd_convex_piece_0.obj" scale="1 1 1"/></geometry>'
     if path.is_dir():
         (path / "dataset").mkdir()
-    for name, file, mine in foreign.object_files(path, path / "dataset", ".npy", grasps.tasks, "a DexGraspNet"):
-        save_objects(file, [rows[i] | {KEY: rows[i][KEY] | {"n_grasps": len(mine)}} for i in mine])
+    for obj, file, mine in foreign.object_files(path, path / "dataset", ".npy", grasps.tasks, "a DexGraspNet"):
+        for i in mine:
+            rows[i][KEY]["n_grasps"] = len(mine)
+        save_objects(file, [rows[i] for i in mine])
         if path.is_dir():
-            mesh, folder = object_mesh(grasps.tasks.objects[name]), path / "meshdata" / file.stem / "coacd"
+            mesh, folder = shape_mesh(obj.shape), path / "meshdata" / file.stem / "coacd"
             write_obj(folder / "decomposed.obj", mesh)
             write_obj(folder / "coacd_convex_piece_0.obj", mesh)
             (folder / "coacd.urdf").write_text(

@@ -19,8 +19,8 @@ from ..core.grasps import Grasps, check_numbers
 from ..core.objects import AXES, CATALOGUE, GraspObject
 from ..core.outcomes import Outcomes
 from ..core.poses import Pose
-from ..core.records import Columns, objects_to_json, read_tasks
-from ..core.tasks import Task
+from ..core.records import Columns, check_widths, objects_to_json
+from ..core.tasks import Task, Tasks
 from ..hands import Hand, is_left
 
 if TYPE_CHECKING:
@@ -84,13 +84,11 @@ class ExportOptions:
             hand without a wrist has its palm only.
         joint_prefix: put before link and joint names, such as ``rh_``.
         joint_numbering: 1, or 0 to name joints as older Shadow models do, whose ``FFJ3`` is ``FFJ4`` here; angles stay.
-        approach_m: length of the approach before closing, metres.
-        retreat_m: length of the retreat after closing, metres.
         object_root: folder that object paths are written under; by default the exported folder's own, absolute.
         hand: the hand; by default the shipped one that the grasps are for.
 
     Raises:
-        InputError: a rate outside [0, 1], a negative length, a left hand's prefix or an unknown choice.
+        InputError: a rate outside [0, 1], a left hand's prefix or an unknown choice.
     """
 
     held_rates: Mapping[tuple[str, str], float] = field(default_factory=dict)
@@ -101,16 +99,12 @@ class ExportOptions:
     parent_link: Literal["forearm", "palm"] = "forearm"
     joint_prefix: str = ""
     joint_numbering: Literal[0, 1] = 1
-    approach_m: float = 0.1
-    retreat_m: float = 0.1
     object_root: str | None = None
     hand: Hand | None = None
 
     def __post_init__(self) -> None:
         if any(not 0 <= rate <= 1 for rate in self.held_rates.values()):
             raise InputError("a held rate must lie between 0 and 1")
-        if not (0 <= self.approach_m < np.inf and 0 <= self.retreat_m < np.inf):
-            raise InputError(f"approach and retreat must be lengths, got {self.approach_m} m and {self.retreat_m} m")
         if is_left(self.joint_prefix):
             raise InputError(f"joint prefix {self.joint_prefix!r} is of a left hand; all hands here are right ones")
         for name in _CHOICES:
@@ -128,15 +122,14 @@ class ExportOptions:
 
     def with_rates_of(self, metadata: Mapping[str, Any]) -> ExportOptions:
         """Add the measured rates that a document's metadata carries (see `GraspSampler.measured`); own rates win."""
-        try:
-            carried = {
-                (kind, name): float(cell["held"]) / float(cell["n"])
-                for key, cell in dict(metadata.get("measured", {})).items()
-                for kind, name in [key.split("/")]
-            }
-            return replace(self, held_rates=carried | dict(self.held_rates))
-        except (TypeError, ValueError, KeyError, ZeroDivisionError):
-            return self  # metadata is free-form: what does not read as rates is none
+        carried = {}
+        for key, cell in mapping(metadata.get("measured")).items():
+            kind, _, name = str(key).partition("/")  # names of objects may have slashes, those of types have none
+            # Metadata is free-form: what does not read as a rate is none.
+            with contextlib.suppress(ArithmeticError, LookupError, TypeError, ValueError):
+                if 0 <= (rate := float(cell["held"]) / float(cell["n"])) <= 1:
+                    carried[kind, name] = rate
+        return replace(self, held_rates=carried | dict(self.held_rates))
 
 
 @dataclass(frozen=True)
@@ -250,11 +243,11 @@ def _named_hand(head: Mapping[str, Any], given: Hand | None) -> tuple[str, Hand 
 
 
 def to_document(
-    head: Mapping[str, Any], joint_names: Sequence[str], columns: Columns, objects: object, hand: Hand | None
+    head: Mapping[str, Any], joint_names: Sequence[str], columns: Columns, tasks: Tasks, hand: Hand | None
 ) -> GraspDocument:
     """Check the columns read from a file and make a document of them.
 
-    The columns are `LABELS`, `NUMBERS`, `ANGLES` and `POSE_PARTS`, one row a grasp. Angles must keep the limits of the
+    The columns are `NUMBERS`, `ANGLES` and `POSE_PARTS`, one row a task. Angles must keep the limits of the
     hand, by default the shipped one that the file is for, if it is of such a hand.
     """
     name, hand = _named_hand(head, hand)
@@ -265,8 +258,7 @@ def to_document(
             notes = (f"the grasps are of hand {shown(name)}, not of {hand.name!r}", *notes)
     except InputError as error:
         raise FileFormatError(str(error)) from error
-    kinds, names, axes = (columns[label] for label in LABELS)
-    tasks = read_tasks(kinds, names, axes, columns["side_m"], objects)
+    check_widths(tasks, columns["side_m"])
     pose = _exact_pose(columns["position_m"], columns["quat_wxyz"])
     numbers = {key: columns[key] for key in (*ANGLES, "position_m", *UNKNOWABLE)}
     grasps = Grasps.from_columns(name, joint_names, tasks, numbers | {"quat_wxyz": pose.quat_wxyz})
@@ -287,9 +279,8 @@ def fact_rows(grasps: Grasps) -> list[dict[str, Any]]:
 
 
 def stack(rows: Sequence[Mapping[str, Any]], joint_names: Sequence[str]) -> Columns:
-    """Make columns of rows, each a mapping of `LABELS`, `NUMBERS`, angles by joint name and a pose's parts."""
-    columns: Columns = {name: np.array([row[name] for row in rows], dtype=str) for name in LABELS}
-    columns |= {name: np.array([row[name] for row in rows], dtype=np.float64) for name in NUMBERS}
+    """Make columns of rows, each a mapping of `NUMBERS`, angles by joint name and a pose's parts."""
+    columns: Columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in NUMBERS}
     for name in ANGLES:
         angles = [[row[name][joint] for joint in joint_names] for row in rows]
         columns[name] = np.array(angles, dtype=np.float64).reshape(-1, len(joint_names))

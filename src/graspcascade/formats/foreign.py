@@ -17,10 +17,10 @@ import numpy as np
 
 from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
-from ..core.objects import AXES, GraspObject, as_object
+from ..core.objects import SHAPES, GraspObject, as_object
 from ..core.poses import Pose, quat_conjugate, rotate, rotation_angle
 from ..core.records import objects_from_json
-from ..core.tasks import Tasks
+from ..core.tasks import Task, Tasks
 from ..core.taxonomy import GraspType, as_type
 from ..hands import Hand, is_left
 from . import document as doc
@@ -96,15 +96,17 @@ def file_stems(tasks: Tasks) -> dict[str, str]:
     return stems
 
 
-def object_files(path: Path, folder: Path, suffix: str, tasks: Tasks, what: str) -> Iterator[tuple[str, Path, Any]]:
-    """List each object's name, file and rows: a file each in `folder`, or `path` itself if that is to be a file."""
+def object_files(
+    path: Path, folder: Path, suffix: str, tasks: Tasks, what: str
+) -> Iterator[tuple[GraspObject, Path, list[int]]]:
+    """List each object, its file and its rows: a file each in `folder`, or `path` itself if that is to be a file."""
     if not path.is_dir() and len(tasks.objects) != 1:
         given = f"these are of {len(tasks.objects)} ({', '.join(tasks.objects) or 'none'})"
         folders = "a name without suffix makes a folder with a file for each"
         raise InputError(f"{what} file holds the grasps of one object, {given}; {folders}")
-    for name, stem in file_stems(tasks).items():
-        rows = np.flatnonzero(tasks.object_name == name).tolist()
-        yield name, folder / f"{stem}{suffix}" if path.is_dir() else path, rows
+    stems = file_stems(tasks)
+    for obj, rows in tasks.groups(lambda task: task.object):
+        yield obj, folder / f"{stems[obj.name]}{suffix}" if path.is_dir() else path, np.flatnonzero(rows).tolist()
 
 
 def numbered(names: Sequence[str], numbering: int) -> dict[str, str]:
@@ -212,7 +214,9 @@ def foreign_document(
             raise FileFormatError(f"its files describe object {doc.shown(name)} in two ways")
     known = objects_from_json(noted)
     opened = doc.by_name(hand.joint_names, hand.pregrasp)
-    objects, facts, odd = dict(known), [], 0
+    tasks: list[Task] = []
+    facts: list[dict[str, Any]] = []
+    odd = 0
     for i, row in enumerate(rows):
         with place(f"grasp {i}"):
             named = row.notes.get("grasp_type", assume.grasp_type)
@@ -220,20 +224,20 @@ def foreign_document(
                 lacks = "it was changed since it was written" if row.changed else "the file names no grasp type"
                 raise InputError(f"{lacks}; say which type it is (grasp_type=, --grasp-type)")
             kind, obj, chance = as_type(str(named)), _object(row, known, assume), _chance(row)
-            read = _facts(row, kind, obj, assume, hand)
+            task = _task(row, kind, obj, assume, hand)
+            read = _numbers(row, task)
         if chance is not None:
             read["probability"] = chance
             odd += math.isnan(chance)
-        objects[obj.name] = obj
+        tasks.append(task)
         read |= {"posture": row.posture, "pregrasp": row.pregrasp or opened}
         facts.append(read | vars(row.X_hand_object))
     columns = doc.stack(facts, hand.joint_names)
     missing = np.isnan(columns["grasp_size_m"])
     if missing.any():
         columns["grasp_size_m"][missing] = hand.grasp_size(columns["posture"][missing])
-    about = {name: obj.to_json() for name, obj in objects.items()}
     head = {"hand": hand.name} | dict(headers[0] if headers else {}) | ({"X_world_object": None} if changed else {})
-    document = doc.to_document(head, hand.joint_names, columns, about, hand)
+    document = doc.to_document(head, hand.joint_names, columns, Tasks.of(tasks), hand)
     told = {
         f"the confidence of {odd} grasps is no chance between 0 and 1 and was left out": odd,
         f"{changed} grasps were changed since they were written, and are read as those of a foreign file": changed,
@@ -244,7 +248,7 @@ def foreign_document(
 def _object(row: ForeignGrasp, known: Mapping[str, GraspObject], assume: Assumptions) -> GraspObject:
     named = row.notes.get("object_label", row.object_name)
     # File names and frames cannot hold the colon of a size.
-    spelled = re.sub(r"^(box|cylinder|sphere)_(?=\d)", r"\1:", str(named), flags=re.IGNORECASE)
+    spelled = re.sub(rf"^({'|'.join(SHAPES)})_(?=\d)", r"\1:", str(named), flags=re.IGNORECASE)
     try:
         obj = known[str(named)] if str(named) in known else as_object(spelled)
     except InputError as error:
@@ -271,20 +275,20 @@ def _chance(row: ForeignGrasp) -> float | None:
     return chance if 0 <= chance <= 1 else math.nan
 
 
-def _facts(row: ForeignGrasp, kind: GraspType, obj: GraspObject, assume: Assumptions, hand: Hand) -> dict[str, Any]:
+def _numbers(row: ForeignGrasp, task: Task) -> dict[str, Any]:
+    read: dict[str, Any] = dict.fromkeys(NUMBERS, math.nan)
+    read |= {name: number(row.notes[name], name) for name in NUMBERS if row.notes.get(name) is not None}
+    if math.isnan(read["side_m"]) or tuple(row.scale) != _UNSCALED:
+        read["side_m"] = task.site.width_m
+    return read
+
+
+def _task(row: ForeignGrasp, kind: GraspType, obj: GraspObject, assume: Assumptions, hand: Hand) -> Task:
+    """Make a grasp's task, by default of the graspable side nearest to the posture's opposition axis."""
     axis = row.notes.get("side_axis", assume.side_axis)
-    site = obj.site(_nearest_side(row, kind, obj, hand) if axis is None else str(axis))
-    facts: dict[str, Any] = dict.fromkeys(NUMBERS, math.nan)
-    facts |= {name: number(row.notes[name], name) for name in NUMBERS if row.notes.get(name) is not None}
-    if math.isnan(facts["side_m"]) or tuple(row.scale) != _UNSCALED:
-        facts["side_m"] = site.width_m
-    return facts | {"grasp_type": kind.name, "object_label": obj.name, "side_axis": site.name}
-
-
-def _nearest_side(row: ForeignGrasp, kind: GraspType, obj: GraspObject, hand: Hand) -> str:
-    """Choose the graspable side whose body axis is nearest to the posture's opposition axis."""
+    if axis is not None:
+        return Task(kind, obj, obj.site(str(axis)))
     thumb, other = hand.opposition(np.array([[row.posture[name] for name in hand.joint_names]]), kind)
-    along = np.abs(rotate(quat_conjugate(row.X_hand_object.quat_wxyz), (other - thumb)[0]))
-    if obj.shape.kind == "cylinder":
-        along = np.array([np.hypot(along[0], along[1]), 0.0, along[2]])
-    return max(obj.sites(hand.reach_m) or obj.sites(), key=lambda axis: float(along[AXES.index(axis)]))
+    along = rotate(quat_conjugate(row.X_hand_object.quat_wxyz), (other - thumb)[0])
+    sites = obj.sites(hand.reach_m) or obj.sites()
+    return Task(kind, obj, sites[obj.shape.nearest_side(along, sites)])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import FileFormatError, InputError
 from ..core.files import parse_json
-from ..core.records import Columns, gather, gather_pose, spread, spread_pose
+from ..core.records import Columns, gather, gather_pose, read_tasks, spread, spread_pose
 from . import document as doc
 from .document import ANGLES, LABELS, NUMBERS, POSE_PARTS, UNKNOWABLE, Assumptions, ExportOptions, GraspDocument
 
@@ -55,7 +55,9 @@ def read_json(path: Path, assume: Assumptions) -> GraspDocument:
                 read.append(_row(row, names))
             except KeyError as error:
                 raise FileFormatError(f"lacks {error.args[0]!r}") from error
-    return doc.to_document(head, names, doc.stack(read, names), head.get("objects", {}), assume.hand)
+    types, objects, axes = ([row[label] for row in read] for label in LABELS)
+    tasks = read_tasks(types, objects, axes, head.get("objects", {}))
+    return doc.to_document(head, names, doc.stack(read, names), tasks, assume.hand)
 
 
 def _row(row: object, joint_names: Sequence[str]) -> dict[str, Any]:
@@ -107,10 +109,12 @@ def read_parquet(path: Path, assume: Assumptions) -> GraspDocument:
     stored = (table.schema.metadata or {}).get(_HEADER_KEY)
     head = doc.check_header(None if stored is None else parse_json(stored, allow_nan=False))
     names, read = tuple(head["joint_names"]), _Columns(table)
-    columns: Columns = {name: read[name] for name in (*LABELS, *NUMBERS)}
+    columns: Columns = {name: read[name] for name in NUMBERS}
     columns |= {name: gather(read, name, names) for name in ANGLES}
     columns |= vars(gather_pose(read, "object"))
-    return doc.to_document(head, names, columns, head.get("objects", {}), assume.hand)
+    types, objects, axes = (read[label] for label in LABELS)
+    tasks = read_tasks(types, objects, axes, head.get("objects", {}))
+    return doc.to_document(head, names, columns, tasks, assume.hand)
 
 
 class _Columns(dict[str, NDArray[Any]]):

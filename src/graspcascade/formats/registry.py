@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,6 +29,9 @@ class GraspFormat:
             without suffix makes a folder of such files.
         pickled: reading it runs whatever code the file carries.
         contact: it states the hand in contact, which only a trial tells (see `ExportOptions.outcomes`).
+        reads_options: options of ``graspcascade export`` that say something of what is read in it.
+        writes_options: likewise of what is written in it.
+        sniff: tells whether a folder, or a file of its suffix, is in it; None where the suffix alone does.
     """
 
     name: str
@@ -40,6 +43,9 @@ class GraspFormat:
     layout: Literal["file", "folder", "either"] = "file"
     pickled: bool = False
     contact: bool = False
+    reads_options: tuple[str, ...] = ()
+    writes_options: tuple[str, ...] = ()
+    sniff: Callable[[Path], bool] | None = None
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -72,20 +78,67 @@ def check_file_place(path: Path, folder: bool = False) -> None:
         raise InputError(f"there is no folder {path.parent} to write {path.name} into")
 
 
-_PICKLED: dict[str, Any] = {"pickled": True, "contact": True}
-_ISAAC = "isaac_grasp YAML 1.0 of NVIDIA Isaac, one object a file"
-_MOVEIT = "moveit_msgs/Grasp messages as YAML"
-_BENCH = "DexGraspBench folder, one .npy a grasp, objects beside them"
-_NET = "DexGraspNet .npy, one object a file"
+def _is_isaac(path: Path) -> bool:
+    if path.is_dir():
+        return bool(yaml_files(path))
+    with path.open("rb") as file:
+        return b"isaac_grasp" in b"".join(line for line in file if not line.lstrip().startswith(b"#"))[:4096]
+
+
+def _holds_a_list(path: Path) -> bool:
+    from .dexgrasp import array_shape
+
+    return array_shape(path) != ()
+
+
+_SAID = ("grasp_type", "object", "side_axis")
+_NAMED = ("joint_prefix", "joint_numbering", "evaluation")
+_YAML: dict[str, Any] = {
+    "module": "yaml_grasps",
+    "suffixes": YAML_SUFFIXES,
+    "reads_options": (*_SAID, "joint_numbering"),
+}
+_NPY: dict[str, Any] = {"module": "dexgrasp", "suffixes": (".npy",), "reads_options": _SAID}
+_NPY |= {"pickled": True, "contact": True}
 FORMATS_BY_NAME: Mapping[str, GraspFormat] = {
     known.name: known
     for known in (
         GraspFormat("json", (".json",), "native JSON, joints by name", "native", "_json"),
         GraspFormat("parquet", (".parquet",), "native Parquet, one row a grasp", "native", "_parquet", ("pyarrow",)),
-        GraspFormat("isaac_grasp", YAML_SUFFIXES, _ISAAC, "yaml_grasps", "_isaac", layout="either"),
-        GraspFormat("moveit_grasp", YAML_SUFFIXES, _MOVEIT, "yaml_grasps", "_moveit"),
-        GraspFormat("dexgraspbench", (".npy",), _BENCH, "dexgrasp", "_bench", layout="folder", **_PICKLED),
-        GraspFormat("dexgraspnet", (".npy",), _NET, "dexgrasp", "_net", layout="either", **_PICKLED),
+        GraspFormat(
+            "isaac_grasp",
+            description="isaac_grasp YAML 1.0 of NVIDIA Isaac, one object a file",
+            ending="_isaac",
+            layout="either",
+            writes_options=("frame_keys", *_NAMED),
+            sniff=_is_isaac,
+            **_YAML,
+        ),
+        GraspFormat(
+            "moveit_grasp",
+            description="moveit_msgs/Grasp messages as YAML",
+            ending="_moveit",
+            writes_options=("frame_id", "parent_link", *_NAMED),
+            sniff=lambda path: path.is_file() and not _is_isaac(path),
+            **_YAML,
+        ),
+        GraspFormat(
+            "dexgraspbench",
+            description="DexGraspBench folder, one .npy a grasp, objects beside them",
+            ending="_bench",
+            layout="folder",
+            writes_options=("object_root",),
+            sniff=lambda path: not _holds_a_list(path) if path.is_file() else (path / "graspdata").is_dir(),
+            **_NPY,
+        ),
+        GraspFormat(
+            "dexgraspnet",
+            description="DexGraspNet .npy, one object a file",
+            ending="_net",
+            layout="either",
+            sniff=lambda path: _holds_a_list(path) if path.is_file() else (path / "dataset").is_dir(),
+            **_NPY,
+        ),
     )
 }
 """Every format by name."""
@@ -121,27 +174,17 @@ def format_to_read(path: Path, name: str | None = None) -> GraspFormat:
     suffix = path.suffix.lower()
     if name is not None:
         return _by_name(name)
+    if path.exists():
+        with place(str(path)):
+            # The last first: folders of theirs may hold YAML files besides.
+            for known in reversed(list(FORMATS_BY_NAME.values())):
+                if known.sniff and (path.is_dir() or suffix in known.suffixes) and known.sniff(path):
+                    return known
     if path.is_dir():
-        for known, is_it in (
-            ("dexgraspbench", (path / "graspdata").is_dir()),
-            ("dexgraspnet", (path / "dataset").is_dir()),
-            ("isaac_grasp", yaml_files(path)),
-        ):
-            if is_it:
-                return FORMATS_BY_NAME[known]
         raise FileFormatError(
             f"{path} is a folder without graspdata, dataset or files *{', *'.join(YAML_SUFFIXES)} in it; name its "
             f"format if it is one: {', '.join(name for name, one in FORMATS_BY_NAME.items() if one.layout != 'file')}"
         )
-    if suffix in YAML_SUFFIXES and path.is_file():
-        with path.open("rb") as file:
-            start = b"".join(line for line in file if not line.lstrip().startswith(b"#"))[:4096]
-        return FORMATS_BY_NAME["isaac_grasp" if b"isaac_grasp" in start else "moveit_grasp"]
-    if suffix == ".npy" and path.is_file():
-        from .dexgrasp import array_shape
-
-        with place(str(path)):
-            return FORMATS_BY_NAME["dexgraspnet" if array_shape(path) else "dexgraspbench"]
     return _by_suffix(path)
 
 

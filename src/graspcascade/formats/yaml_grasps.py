@@ -24,6 +24,8 @@ from . import foreign
 from .document import Assumptions, ExportOptions, GraspDocument, by_name, mapping
 from .foreign import KEY, ForeignGrasp
 
+_APPROACH_M = 0.1
+"""Length of the approach before closing and of the retreats after."""
 MESSAGE = "moveit_msgs/msg/Grasp"
 FOREARM = "forearm"
 _PALM_NORMAL = np.array([0.0, -1.0, 0.0])
@@ -79,13 +81,13 @@ def write_isaac(path: Path, document: GraspDocument, options: ExportOptions) -> 
         }
         for i in range(len(grasps))
     ]
-    for name, file, mine in foreign.object_files(path, path, ".yaml", grasps.tasks, "an isaac_grasp"):
+    for obj, file, mine in foreign.object_files(path, path, ".yaml", grasps.tasks, "an isaac_grasp"):
         data = {
             "format": "isaac_grasp",
             "format_version": 1.0,
             # Before the grasps, so that a file cut off among them can be told from a whole one.
             KEY: notes | {"grasps": {f"grasp_{i}": each[i] for i in mine}},
-            f"object_{options.frame_keys}": name,
+            f"object_{options.frame_keys}": obj.name,
             f"gripper_{options.frame_keys}": options.joint_prefix + hand.body,
             "object_scale": 1.0,
             "grasps": {f"grasp_{i}": rows[i] for i in mine},
@@ -172,8 +174,8 @@ def write_moveit(path: Path, document: GraspDocument, options: ExportOptions) ->
     messages = []
     for i, name in enumerate(grasps.object_name.tolist()):
         frame = (name if placed is None else "world") if options.frame_id is None else options.frame_id
-        back = _translation(link, -facing, options.retreat_m)
-        up = _translation(frame, np.array([0.0, 0.0, 1.0]), options.retreat_m)
+        back = _translation(link, -facing)
+        up = _translation(frame, np.array([0.0, 0.0, 1.0]))
         point, turn = parent.position_m[i], np.roll(parent.quat_wxyz[i], -1)
         pose = {"position": by_name("xyz", point), "orientation": by_name("xyzw", turn)}
         messages.append(
@@ -183,7 +185,7 @@ def write_moveit(path: Path, document: GraspDocument, options: ExportOptions) ->
                 "grasp_posture": _trajectory(names, straight + grasps.posture[i, columns].tolist()),
                 "grasp_pose": {"header": _header(frame), "pose": pose},
                 "grasp_quality": each[i]["confidence"],
-                "pre_grasp_approach": _translation(link, facing, options.approach_m),
+                "pre_grasp_approach": _translation(link, facing),
                 "post_grasp_retreat": back if placed is None else up,
                 "post_place_retreat": back,
                 "max_contact_force": 0.0,
@@ -275,7 +277,7 @@ def _trajectory(names: list[str], positions: list[float]) -> dict[str, Any]:
     return {"header": _header(""), "joint_names": names, "points": [point]}
 
 
-def _translation(frame: str, vector: np.ndarray[Any, Any], distance_m: float) -> dict[str, Any]:
+def _translation(frame: str, vector: np.ndarray[Any, Any]) -> dict[str, Any]:
     # Adding 0 takes the sign off a zero.
     direction = {"header": _header(frame), "vector": by_name("xyz", vector + 0.0)}
-    return {"direction": direction, "desired_distance": distance_m, "min_distance": distance_m / 2}
+    return {"direction": direction, "desired_distance": _APPROACH_M, "min_distance": _APPROACH_M / 2}

@@ -21,16 +21,16 @@ from numpy.typing import NDArray
 from ..core.errors import FileFormatError, InputError
 from ..core.files import holds_nothing, read_json, sole_writer, write_json, write_staged
 from ..core.grasps import Grasps
+from ..core.objects import AXES
 from ..core.outcomes import PALM, VERDICTS, Outcomes
 from ..core.poses import Pose, canonical_quat
 from ..core.protocols import Conditions
-from ..core.records import Columns, gather, gather_pose, read_tasks, spread, spread_pose
+from ..core.records import Columns, check_widths, gather, gather_pose, read_tasks, spread, spread_pose
 from ..core.taxonomy import DIGITS
 
 METADATA_FILE = "metadata.json"
 SCHEMA_VERSION = 1
 
-_AXES = ("x", "y", "z")
 _GRASP_NUMBERS = ("side_m", "grasp_size_m")
 _OUTCOME_NUMBERS = ("object_size_m", "displacement_m", "turn_rad", "duration_s")
 _FARTHEST_M, _UNIT_TOLERANCE = 1.0, 1e-3
@@ -159,7 +159,7 @@ def to_columns(grasps: Grasps, outcomes: Outcomes, conditions: Conditions | None
     columns |= spread("touch_end", outcomes.touch_columns, outcomes.touching_end)
     if conditions is not None:
         for name, values in vars(conditions).items():
-            columns |= {name: values} if values.ndim == 1 else spread(name, _AXES, values)
+            columns |= {name: values} if values.ndim == 1 else spread(name, AXES, values)
     return {name: v.astype(np.float32) if v.dtype == np.float64 else v for name, v in columns.items()}
 
 
@@ -184,10 +184,12 @@ def from_columns(
         types, objects, axes = (columns[name] for name in ("grasp_type", "object_label", "side_axis"))
         numbers = {name: np.asarray(columns[name], dtype=np.float64) for name in (*_GRASP_NUMBERS, *_OUTCOME_NUMBERS)}
         posture = gather(columns, "posture", joint_names)
+        tasks = read_tasks(types, objects, axes, about.get("objects", {}))
+        check_widths(tasks, numbers["side_m"])
         grasps = Grasps(
             hand=str(about.get("hand", "")),
             joint_names=joint_names,
-            tasks=read_tasks(types, objects, axes, numbers["side_m"], about.get("objects", {})),
+            tasks=tasks,
             posture=posture,
             pregrasp=np.broadcast_to(np.asarray(about["pregrasp_rad"]), posture.shape).copy(),
             X_hand_object=_unit_pose(columns, "object"),
@@ -216,7 +218,7 @@ def _check_values(columns: Mapping[str, NDArray[Any]], joint_names: tuple[str, .
     right |= {f"posture_{name}": np.isfinite(columns[f"posture_{name}"]) for name in joint_names}
     pose = gather_pose(columns, "object")
     within = np.abs(pose.position_m) < _FARTHEST_M
-    right |= {f"object_{axis}_m": within[:, place] for place, axis in enumerate(_AXES)}
+    right |= {f"object_{axis}_m": within[:, place] for place, axis in enumerate(AXES)}
     right["object_qw"] = np.abs(np.linalg.norm(pose.quat_wxyz, axis=1) - 1.0) < _UNIT_TOLERANCE
     for name, rows in right.items():
         if not rows.all():
@@ -226,7 +228,7 @@ def _check_values(columns: Mapping[str, NDArray[Any]], joint_names: tuple[str, .
 
 def _conditions(columns: Mapping[str, NDArray[Any]]) -> Conditions:
     names = [part.name for part in fields(Conditions)]
-    made = {name: gather(columns, name, _AXES) if f"{name}_x" in columns else columns[name] for name in names}
+    made = {name: gather(columns, name, AXES) if f"{name}_x" in columns else columns[name] for name in names}
     return Conditions(**{name: np.asarray(values, dtype=np.float64) for name, values in made.items()})
 
 

@@ -17,10 +17,10 @@ from trimesh import Trimesh, creation
 from trimesh.graph import smooth_shade
 from trimesh.util import concatenate
 
-from ..core.objects import GraspObject, Shape
+from ..core.objects import Shape
 from ..core.poses import Pose, as_quat
 from ..hands import Hand, read_spec
-from ..worlds.meshes import object_mesh
+from ..worlds import meshes
 from .recording import Frame
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Part:
 @lru_cache(maxsize=64)
 def shape_mesh(shape: Shape) -> Trimesh:
     """Mesh a shape in its body frame."""
-    return _sharp(object_mesh(GraspObject(shape.kind, shape)))
+    return _sharp(meshes.shape_mesh(shape))
 
 
 @lru_cache(maxsize=4)

@@ -1,11 +1,11 @@
-"""Closed convex triangle meshes of objects, in metres about the body's centre."""
+"""Closed convex triangle meshes of shapes, in metres about the body's centre."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core.objects import Box, Cylinder, GraspObject
+from ..core.objects import Box, Cylinder, Shape, Sphere
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -14,22 +14,24 @@ CYLINDER_SIDES = 64
 SPHERE_SUBDIVISIONS = 3
 
 
-def object_mesh(obj: GraspObject) -> Trimesh:
-    """Mesh an object, triangles counterclockwise seen from outside.
+def shape_mesh(shape: Shape) -> Trimesh:
+    """Mesh a shape, triangles counterclockwise seen from outside.
 
-    Vertices lie on its surface, so a round one's mesh encloses up to 1 % less than the object.
+    Vertices lie on its surface, so a round one's mesh encloses up to 1 % less than the shape.
     """
     # Slow to load, and only drawing and a few file formats need meshes.
     from trimesh import creation
 
-    shape = obj.shape
     mesh: Trimesh
-    if isinstance(shape, Box):
-        mesh = creation.box(shape.extents_m)
-    elif isinstance(shape, Cylinder):
-        mesh = creation.cylinder(shape.diameter_m / 2, shape.height_m, sections=CYLINDER_SIDES)
-    else:
-        mesh = creation.icosphere(subdivisions=SPHERE_SUBDIVISIONS, radius=shape.extents_m[0] / 2)
+    match shape:
+        case Box():
+            mesh = creation.box(shape.extents_m)
+        case Cylinder():
+            mesh = creation.cylinder(shape.diameter_m / 2, shape.height_m, sections=CYLINDER_SIDES)
+        case Sphere():
+            mesh = creation.icosphere(subdivisions=SPHERE_SUBDIVISIONS, radius=shape.diameter_m / 2)
+        case _:
+            raise NotImplementedError(f"no mesh for a {type(shape).__name__}")
     return mesh
 
 

@@ -83,8 +83,8 @@ def build_world(
             setattr(geom, name, value)
     if reduced:
         _limit_collisions(spec, hand, without, contact | {"friction": [slide, slide, turn, roll, roll]})
-    _add_sensors(spec, hand)
-    return _locate(spec.compile(), hand)
+    touch = _add_sensors(spec, hand)
+    return _locate(spec.compile(), hand, touch)
 
 
 _compiling = Lock()
@@ -183,21 +183,17 @@ def _add_object(spec: Any, obj: GraspObject, density_factor: float, size_error_m
     body.add_geom(name=OBJECT, type=kind, size=size, density=density, rgba=[0.85, 0.45, 0.2, 1.0])
 
 
-OBJECT_FIELDS: tuple[str, ...] = (
-    "body_inertia",
-    "body_invweight0",
-    "body_mass",
-    "body_subtreemass",
-    "bvh_aabb",
-    "dof_M0",
-    "dof_invweight0",
-    "dof_length",
-    "geom_aabb",
-    "geom_rbound",
-    "geom_size",
-    "geom_type",
-)
-"""Fields of a compiled model in which worlds of different primitives differ, in the rows of the object alone."""
+OBJECT_FIELDS: Mapping[str, str] = {
+    name: part
+    for part, names in {
+        "body": ("body_inertia", "body_invweight0", "body_mass", "body_subtreemass"),
+        "box": ("bvh_aabb",),
+        "freedom": ("dof_M0", "dof_invweight0", "dof_length"),
+        "geom": ("geom_aabb", "geom_rbound", "geom_size", "geom_type"),
+    }.items()
+    for name in names
+}
+"""Fields of a compiled model in which worlds of different primitives differ, by what of the object has rows in them."""
 
 
 @lru_cache(maxsize=4096)
@@ -214,8 +210,8 @@ def object_fields(obj: GraspObject, density_factor: float, size_error_m: float =
     except ValueError as error:
         with_these = f"{obj.name} of {obj.density_kg_m3 * density_factor:g} kg/m3, {size_error_m:g} m larger,"
         raise InputError(f"{with_these} cannot be simulated: {' '.join(str(error).split())}") from error
-    rows = {"body": slice(1, 2), "bvh_": slice(0, 1), "geom": slice(0, 1), "dof_": slice(0, 6)}
-    return {name: np.array(getattr(model, name)[rows[name[:4]]]) for name in OBJECT_FIELDS}
+    rows = {"body": slice(1, 2), "box": slice(0, 1), "geom": slice(0, 1), "freedom": slice(0, 6)}
+    return {name: np.array(getattr(model, name)[rows[part]]) for name, part in OBJECT_FIELDS.items()}
 
 
 def object_rows(model: Any) -> dict[str, slice]:
@@ -224,10 +220,10 @@ def object_rows(model: Any) -> dict[str, slice]:
     With explicit contact pairs the engine keeps no bounding boxes to search by: that slice is empty.
     """
     body, geom, dof = model.body(OBJECT).id, model.geom(OBJECT).id, int(model.joint(OBJECT).dofadr[0])
-    rows = {"body": slice(body, body + 1), "geom": slice(geom, geom + 1), "dof_": slice(dof, dof + 6)}
+    rows = {"body": slice(body, body + 1), "geom": slice(geom, geom + 1), "freedom": slice(dof, dof + 6)}
     boxes = int(model.body_bvhadr[body])
-    rows["bvh_"] = slice(boxes, boxes + int(model.body_bvhnum[body]))
-    return {name: rows[name[:4]] for name in OBJECT_FIELDS}
+    rows["box"] = slice(boxes, boxes + int(model.body_bvhnum[body]))
+    return {name: rows[part] for name, part in OBJECT_FIELDS.items()}
 
 
 def _limit_collisions(spec: Any, hand: Hand, without: Collection[str], contact: Mapping[str, Any]) -> None:
@@ -260,8 +256,10 @@ def _touching_digits(hand: Hand, without: tuple[str, ...]) -> tuple[tuple[str, s
     return tuple((model.geom(a).name, model.geom(b).name) for a, b in pairs)
 
 
-def _add_sensors(spec: Any, hand: Hand) -> None:
-    def add(name: str, kind: Any, body: str, fields: int, reduction: int = 0) -> None:
+def _add_sensors(spec: Any, hand: Hand) -> list[list[str]]:
+    """Add the sensors of contact; returns the names of those of each digit and of the palm."""
+
+    def add(name: str, kind: Any, body: str, fields: int, reduction: int = 0) -> str:
         spec.add_sensor(
             name=name,
             type=mujoco.mjtSensor.mjSENS_CONTACT,
@@ -271,20 +269,23 @@ def _add_sensors(spec: Any, hand: Hand) -> None:
             refname=OBJECT,
             intprm=[fields, reduction, 1],
         )
+        return name
 
     whole_body, this_body = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_BODY
-    for name, digit in hand.digits.items():
-        if spec.body(hand.prefix + digit.root) is not None:
-            add(f"touch_{name}", whole_body, hand.prefix + digit.root, _FOUND)
-    for body in hand.palm_bodies:
-        add(f"touch_{PALM}_{body}", this_body, hand.prefix + body, _FOUND)
+    roots = {name: hand.prefix + digit.root for name, digit in hand.digits.items()}
+    touch = [
+        [add(f"touch_{name}", whole_body, root, _FOUND)] if spec.body(root) is not None else []
+        for name, root in roots.items()
+    ]
+    touch.append([add(f"touch_{PALM}_{body}", this_body, hand.prefix + body, _FOUND) for body in hand.palm_bodies])
     root = spec.body(hand.prefix + hand.body)
     while root.parent is not None and root.parent.name != "world":
         root = root.parent
     add(_OVERLAP_SENSOR, whole_body, root.name, _FOUND | _DISTANCE, _NEAREST)
+    return touch
 
 
-def _locate(model: Any, hand: Hand) -> World:
+def _locate(model: Any, hand: Hand, touch: list[list[str]]) -> World:
     present = {model.joint(i).name: i for i in range(model.njnt)}
     names = [hand.prefix + name for name in hand.joint_names]
     column = {present[name]: place for place, name in enumerate(names) if name in present}
@@ -297,11 +298,6 @@ def _locate(model: Any, hand: Hand) -> World:
         for joint, weight in actuator.weights.items():
             if joint in hand.joint_names:
                 control_map[hand.joint_names.index(joint), number] = weight
-    sensor = {model.sensor(i).name: int(model.sensor_adr[i]) for i in range(model.nsensor)}
-    touch = tuple(
-        tuple(adr for name, adr in sensor.items() if name == f"touch_{column}" or name.startswith(f"touch_{column}_"))
-        for column in (*hand.digits, PALM)
-    )
     return World(
         model=model,
         joints=np.array(list(column.values()), dtype=np.int64),
@@ -309,6 +305,6 @@ def _locate(model: Any, hand: Hand) -> World:
         object_qpos=int(model.joint(OBJECT).qposadr[0]),
         control_map=control_map,
         control_range=control_range,
-        touch_sensors=touch,
-        overlap_sensor=sensor[_OVERLAP_SENSOR],
+        touch_sensors=tuple(tuple(int(model.sensor(name).adr[0]) for name in names) for names in touch),
+        overlap_sensor=int(model.sensor(_OVERLAP_SENSOR).adr[0]),
     )

@@ -14,7 +14,7 @@ from ...core.grasps import Grasps
 from ...core.objects import CATALOGUE, GraspObject
 from ...core.protocols import Conditions, Protocol
 from ...hands import Hand
-from ...worlds.world import OBJECT, OBJECT_FIELDS, World, object_fields, object_rows, shared_world
+from ...worlds.world import OBJECT_FIELDS, World, object_fields, object_rows, shared_world
 from .creep import CreepProjection, CreepSkipper
 
 Slots = NDArray[np.int64]
@@ -281,7 +281,8 @@ def _shared_addresses(model: Any, larger: Any) -> _Addresses:
     for number in range(model.njnt):
         joint = model.joint(number)
         theirs = larger.joint(joint.name)
-        angles, speeds = np.arange(7 if joint.name == OBJECT else 1), np.arange(6 if joint.name == OBJECT else 1)
+        free = model.jnt_type[number] == mujoco.mjtJoint.mjJNT_FREE
+        angles, speeds = np.arange(7 if free else 1), np.arange(6 if free else 1)
         qpos[joint.qposadr[0] + angles] = theirs.qposadr[0] + angles
         dofs[joint.dofadr[0] + speeds] = theirs.dofadr[0] + speeds
     controls = np.array([larger.actuator(model.actuator(i).name).id for i in range(model.nu)], dtype=np.intp)
