@@ -206,7 +206,7 @@ def foreign_document(
         raise FileFormatError("two of its grasps have the same number; they are of different exports, or one is a copy")
     if len(places) == len(rows):
         rows = [row for _, row in sorted(zip(places, rows, strict=True), key=lambda pair: pair[0])]
-    changed = sum(row.changed for row in rows)
+    changed, odd = sum(row.changed for row in rows), 0
     rows = [replace(row, notes={}) if row.changed else row for row in rows]
     noted: dict[str, Any] = {}
     for name, about in ((name, about) for notes in files for name, about in mapping(notes.get("objects")).items()):
@@ -216,7 +216,6 @@ def foreign_document(
     opened = doc.by_name(hand.joint_names, hand.pregrasp)
     tasks: list[Task] = []
     facts: list[dict[str, Any]] = []
-    odd = 0
     for i, row in enumerate(rows):
         with place(f"grasp {i}"):
             named = row.notes.get("grasp_type", assume.grasp_type)
