@@ -223,12 +223,11 @@ def foreign_document(
                 lacks = "it was changed since it was written" if row.changed else "the file names no grasp type"
                 raise InputError(f"{lacks}; say which type it is (grasp_type=, --grasp-type)")
             kind, obj, chance = as_type(str(named)), _object(row, known, assume), _chance(row)
-            task = _task(row, kind, obj, assume, hand)
-            read = _numbers(row, task)
+            tasks.append(_task(row, kind, obj, assume, hand))
+            read = _numbers(row, tasks[-1])
         if chance is not None:
             read["probability"] = chance
             odd += math.isnan(chance)
-        tasks.append(task)
         read |= {"posture": row.posture, "pregrasp": row.pregrasp or opened}
         facts.append(read | vars(row.X_hand_object))
     columns = doc.stack(facts, hand.joint_names)
