@@ -111,10 +111,9 @@ class Shape(ABC):
 
     def nearest_side(self, direction: ArrayLike, sides: Iterable[str]) -> str:
         """Choose of some distinct sides, by axis, the one nearest to a direction ``(3,)`` in the body frame."""
-        share = dict.fromkeys(AXES, 0.0)
-        for axis, square in zip(AXES, np.square(direction).tolist(), strict=True):
-            share[self.side_of_axis[axis]] += square
-        return max(sides, key=share.__getitem__)
+        squares = dict(zip(AXES, np.square(direction).tolist(), strict=True))
+        equal = self.side_of_axis.items()
+        return max(sides, key=lambda side: sum(squares[axis] for axis, first in equal if first == side))
 
     def has_site(self, site: Site) -> bool:
         """Tell whether both ends of a site lie on the surface, to 2 mm or a quarter of its width."""

@@ -209,9 +209,7 @@ def write_net(path: Path, document: GraspDocument, options: ExportOptions) -> No
     if path.is_dir():
         (path / "dataset").mkdir()
     for obj, file, mine in foreign.object_files(path, path / "dataset", ".npy", grasps.tasks, "a DexGraspNet"):
-        for i in mine:
-            rows[i][KEY]["n_grasps"] = len(mine)
-        save_objects(file, [rows[i] for i in mine])
+        save_objects(file, [rows[i] | {KEY: rows[i][KEY] | {"n_grasps": len(mine)}} for i in mine])
         if path.is_dir():
             mesh, folder = shape_mesh(obj.shape), path / "meshdata" / file.stem / "coacd"
             write_obj(folder / "decomposed.obj", mesh)

@@ -206,7 +206,7 @@ def foreign_document(
         raise FileFormatError("two of its grasps have the same number; they are of different exports, or one is a copy")
     if len(places) == len(rows):
         rows = [row for _, row in sorted(zip(places, rows, strict=True), key=lambda pair: pair[0])]
-    changed = sum(row.changed for row in rows)
+    changed, odd = sum(row.changed for row in rows), 0
     rows = [replace(row, notes={}) if row.changed else row for row in rows]
     noted: dict[str, Any] = {}
     for name, about in ((name, about) for notes in files for name, about in mapping(notes.get("objects")).items()):
@@ -216,7 +216,6 @@ def foreign_document(
     opened = doc.by_name(hand.joint_names, hand.pregrasp)
     tasks: list[Task] = []
     facts: list[dict[str, Any]] = []
-    odd = 0
     for i, row in enumerate(rows):
         with place(f"grasp {i}"):
             named = row.notes.get("grasp_type", assume.grasp_type)
@@ -224,12 +223,11 @@ def foreign_document(
                 lacks = "it was changed since it was written" if row.changed else "the file names no grasp type"
                 raise InputError(f"{lacks}; say which type it is (grasp_type=, --grasp-type)")
             kind, obj, chance = as_type(str(named)), _object(row, known, assume), _chance(row)
-            task = _task(row, kind, obj, assume, hand)
-            read = _numbers(row, task)
+            tasks.append(_task(row, kind, obj, assume, hand))
+            read = _numbers(row, tasks[-1])
         if chance is not None:
             read["probability"] = chance
             odd += math.isnan(chance)
-        tasks.append(task)
         read |= {"posture": row.posture, "pregrasp": row.pregrasp or opened}
         facts.append(read | vars(row.X_hand_object))
     columns = doc.stack(facts, hand.joint_names)

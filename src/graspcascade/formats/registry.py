@@ -86,20 +86,15 @@ def _is_isaac(path: Path) -> bool:
 
 
 def _holds_a_list(path: Path) -> bool:
-    from .dexgrasp import array_shape
-
-    return array_shape(path) != ()
+    return bool(importlib.import_module(".dexgrasp", __package__).array_shape(path))
 
 
 _SAID = ("grasp_type", "object", "side_axis")
 _NAMED = ("joint_prefix", "joint_numbering", "evaluation")
-_YAML: dict[str, Any] = {
-    "module": "yaml_grasps",
-    "suffixes": YAML_SUFFIXES,
-    "reads_options": (*_SAID, "joint_numbering"),
-}
-_NPY: dict[str, Any] = {"module": "dexgrasp", "suffixes": (".npy",), "reads_options": _SAID}
-_NPY |= {"pickled": True, "contact": True}
+_YAML: dict[str, Any] = {"module": "yaml_grasps", "suffixes": YAML_SUFFIXES}
+_YAML["reads_options"] = (*_SAID, "joint_numbering")
+_NPY: dict[str, Any] = {"module": "dexgrasp", "suffixes": (".npy",), "pickled": True, "contact": True}
+_NPY["reads_options"] = _SAID
 FORMATS_BY_NAME: Mapping[str, GraspFormat] = {
     known.name: known
     for known in (

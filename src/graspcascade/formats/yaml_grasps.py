@@ -24,8 +24,7 @@ from . import foreign
 from .document import Assumptions, ExportOptions, GraspDocument, by_name, mapping
 from .foreign import KEY, ForeignGrasp
 
-_APPROACH_M = 0.1
-"""Length of the approach before closing and of the retreats after."""
+_APPROACH_M = 0.1  # the way before closing, and back after it
 MESSAGE = "moveit_msgs/msg/Grasp"
 FOREARM = "forearm"
 _PALM_NORMAL = np.array([0.0, -1.0, 0.0])

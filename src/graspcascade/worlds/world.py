@@ -272,11 +272,10 @@ def _add_sensors(spec: Any, hand: Hand) -> list[list[str]]:
         return name
 
     whole_body, this_body = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_BODY
-    roots = {name: hand.prefix + digit.root for name, digit in hand.digits.items()}
-    touch = [
-        [add(f"touch_{name}", whole_body, root, _FOUND)] if spec.body(root) is not None else []
-        for name, root in roots.items()
-    ]
+    touch = []
+    for name, digit in hand.digits.items():
+        first = hand.prefix + digit.root
+        touch.append([add(f"touch_{name}", whole_body, first, _FOUND)] if spec.body(first) is not None else [])
     touch.append([add(f"touch_{PALM}_{body}", this_body, hand.prefix + body, _FOUND) for body in hand.palm_bodies])
     root = spec.body(hand.prefix + hand.body)
     while root.parent is not None and root.parent.name != "world":
