@@ -124,13 +124,13 @@ class Spread:
         return asdict(self)
 
 
-def shipped_heuristic(most_draws: int = 1) -> Heuristic:
-    """Make the heuristic of the shipped hand and prior (see `Heuristic` for `most_draws`)."""
+def shipped_heuristic() -> Heuristic:
+    """Make the heuristic of the shipped hand and prior."""
     from graspcascade.hands import load_hand
     from graspcascade.proposals.heuristic import Heuristic
     from graspcascade.proposals.prior import PosturePrior
 
-    return Heuristic(load_hand("shadow"), PosturePrior.pretrained(), most_draws)
+    return Heuristic(load_hand("shadow"), PosturePrior.pretrained())
 
 
 def collection_grasps(heuristic: Heuristic, per_cell: int, seed: int) -> Grasps:

@@ -3,13 +3,13 @@
 import numpy as np
 
 from graspcascade import Task, Tasks, as_object, load_hand, run_trials
-from graspcascade.proposals.heuristic import SCREENING_DRAWS, Heuristic
+from graspcascade.proposals.heuristic import Heuristic, Screened
 from graspcascade.proposals.prior import PosturePrior
 
 hand = load_hand("shadow")
 # The paper's cascade knows nine objects by name. The heuristic takes any size; screened, it draws another posture where
 # the digits would stay too far apart to touch the object.
-screened = Heuristic(hand, PosturePrior.pretrained(), most_draws=SCREENING_DRAWS)
+screened = Screened(Heuristic(hand, PosturePrior.pretrained()))
 ASKED = [
     ("tripod", "box:32x41x60mm", "x"),
     ("palmar_pinch", "cylinder:12x140mm", "x"),

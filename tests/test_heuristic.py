@@ -16,7 +16,7 @@ from graspcascade.core.poses import rotate
 from graspcascade.core.tasks import Task, Tasks, draw_tasks
 from graspcascade.core.taxonomy import GRASP_TYPES, GraspType, as_type
 from graspcascade.hands import Hand
-from graspcascade.proposals.heuristic import Heuristic, cannot_touch, place
+from graspcascade.proposals.heuristic import Heuristic, Screened, cannot_touch, place
 from graspcascade.proposals.prior import PosturePrior
 
 N = 40
@@ -158,18 +158,18 @@ def test_the_same_generator_draws_the_same_grasps(hand: Hand, prior: PosturePrio
 # Proposals
 
 
-def test_the_heuristic_is_screened_when_it_may_draw_again(hand: Hand, prior: PosturePrior) -> None:
-    heuristic, screened = Heuristic(hand, prior), Heuristic(hand, prior, most_draws=200)
+def test_records_tell_the_screened_heuristic_from_the_papers(hand: Hand, prior: PosturePrior) -> None:
+    heuristic, screened = Heuristic(hand, prior), Screened(Heuristic(hand, prior))
     assert (heuristic.name, screened.name) == ("heuristic", "screened")
     assert heuristic.describe() == {"prior": prior.fingerprint()}
     assert screened.describe() == {"prior": prior.fingerprint(), "most_draws": 200}
     with pytest.raises(InputError, match="most_draws must be at least 1, got 0"):
-        Heuristic(hand, prior, most_draws=0)
+        Screened(heuristic, most_draws=0)
 
 
-@pytest.mark.parametrize("most_draws", [1, 50])
-def test_the_same_generator_proposes_the_same_grasps(hand: Hand, prior: PosturePrior, most_draws: int) -> None:
-    heuristic, wide = Heuristic(hand, prior, most_draws), as_object("box:20x41x160mm")
+@pytest.mark.parametrize("screen", [lambda heuristic: heuristic, Screened])
+def test_the_same_generator_proposes_the_same_grasps(hand: Hand, prior: PosturePrior, screen: Any) -> None:
+    heuristic, wide = screen(Heuristic(hand, prior)), as_object("box:20x41x160mm")
     tasks = Tasks.of(Task.of(kind, obj, "x") for kind in GRASP_TYPES for obj in (wide, "cylinder:14x60mm", "box_large"))
 
     def both(seed: int) -> list[Grasps]:
@@ -189,7 +189,7 @@ def test_screening_draws_again_only_where_the_digits_cannot_touch(hand: Hand, pr
     tasks = draw_tasks(cells, 3, hand.reach_m, np.random.default_rng(0))
     plain = Heuristic(hand, prior).propose(tasks, np.random.default_rng(1))
     assert cannot_touch(hand, plain).any()
-    screened = Heuristic(hand, prior, most_draws=200).propose(tasks, np.random.default_rng(1))
+    screened = Screened(Heuristic(hand, prior)).propose(tasks, np.random.default_rng(1))
     assert not cannot_touch(hand, screened).any()
     assert screened.tasks.same_as(tasks)
     kept = ~cannot_touch(hand, plain)

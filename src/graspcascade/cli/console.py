@@ -167,11 +167,11 @@ def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Pr
         InputError: no such model or hand, a prior with a cascade, or a hand of other joints than the cascade's.
     """
     from ..proposals.cascade.sampler import GraspSampler, shipped_folders
-    from ..proposals.heuristic import HEURISTIC, SCREENED, SCREENING_DRAWS, Heuristic
+    from ..proposals.heuristic import HEURISTIC, SCREENED, Heuristic, Screened
 
     if model in (HEURISTIC, SCREENED):
-        own = hands.load_hand("shadow" if hand is None else hand)
-        return Heuristic(own, load_prior(prior), SCREENING_DRAWS if model == SCREENED else 1)
+        heuristic = Heuristic(hands.load_hand("shadow" if hand is None else hand), load_prior(prior))
+        return Screened(heuristic) if model == SCREENED else heuristic
     if prior is not None:
         raise InputError(f"a prior is the heuristic's; give --model heuristic or screened with it, got --model {model}")
     shipped, is_path = shipped_folders(), os.sep in model or Path(model).exists()

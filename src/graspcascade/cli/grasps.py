@@ -22,7 +22,6 @@ from ..core.objects import as_object
 from ..core.poses import Pose
 from ..core.taxonomy import as_type
 from ..formats.registry import format_to_read, format_to_write
-from ..proposals.heuristic import SCREENED, SCREENING_DRAWS, cannot_touch
 from . import console
 from .console import (
     Flag,
@@ -118,9 +117,8 @@ class Sample:
         elif self.side_axis is not None:
             site = obj.site(self.side_axis, reach)
         grasps = proposal.propose_alike(obj, kind, site, self.n, np.random.default_rng(self.seed))
-        if proposal.name == SCREENED and (wide := int(cannot_touch(proposal.hand, grasps).sum())):
-            tried = f"in {SCREENING_DRAWS} draws none was found whose digits can touch the object"
-            print(f"graspcascade sample: {wide} of {len(grasps)} grasps are not screened: {tried}", file=sys.stderr)
+        for note in proposal.notes(grasps):
+            print(f"graspcascade sample: {note}", file=sys.stderr)
         asked: dict[str, Any] = {"grasp_type": kind.name, "object": obj.name}
         asked |= {"side_cm": self.side_cm, "side_axis": self.side_axis, "n": self.n, "seed": self.seed}
         versions = {"graspcascade": version("graspcascade"), "numpy": np.__version__}

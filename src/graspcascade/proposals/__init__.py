@@ -69,6 +69,10 @@ class Proposal(ABC):
             return self.propose_any_side(obj, kind, n, rng)
         return self.propose(Tasks.repeat(Task(kind, obj, site), n), rng)
 
+    def notes(self, grasps: Grasps) -> tuple[str, ...]:
+        """Say what a user should be told of grasps that it drew; here nothing."""
+        return ()
+
     def describe(self) -> dict[str, Any]:
         """Say for a record what the grasps are drawn from."""
         return {}
