@@ -126,11 +126,9 @@ class Spread:
 
 def shipped_heuristic() -> Heuristic:
     """Make the heuristic of the shipped hand and prior."""
-    from graspcascade.hands import load_hand
     from graspcascade.proposals.heuristic import Heuristic
-    from graspcascade.proposals.prior import PosturePrior
 
-    return Heuristic(load_hand("shadow"), PosturePrior.pretrained())
+    return Heuristic.pretrained()
 
 
 def collection_grasps(heuristic: Heuristic, per_cell: int, seed: int) -> Grasps:

@@ -183,6 +183,20 @@ def test_the_same_generator_proposes_the_same_grasps(hand: Hand, prior: PostureP
         assert not np.array_equal(one.posture, other.posture)
 
 
+@pytest.mark.parametrize("kind", [Heuristic, Screened])
+def test_one_line_samples_an_own_size_by_an_axis_a_site_or_any_side(kind: Any) -> None:
+    proposal, box = kind.pretrained(), as_object("box:32x41x60mm")
+    by_axis, by_site = (proposal.sample("tripod", box, side, n=3, seed=1) for side in ("y", box.site("y", 0.065)))
+    assert by_axis.side_axis.tolist() == ["y"] * 3
+    np.testing.assert_array_equal(by_axis.posture, by_site.posture)
+    task = Task.of("tripod", box, "y")
+    proposed = proposal.propose(Tasks.repeat(task, 3), np.random.default_rng(1))
+    np.testing.assert_array_equal(by_axis.X_hand_object.position_m, proposed.X_hand_object.position_m)
+    assert set(proposal.sample("tripod", "box:32x41x60mm", n=20).side_axis) == {"x", "y", "z"}
+    with pytest.raises(InputError, match="n must be at least 1, got 0"):
+        proposal.sample("tripod", box, n=0)
+
+
 def test_screening_draws_again_only_where_the_digits_cannot_touch(hand: Hand, prior: PosturePrior) -> None:
     things = [*CATALOGUE.values(), as_object("cylinder:8x30mm"), as_object("box:60x60x9mm")]
     cells = [(obj, kind) for obj in things for kind in GRASP_TYPES.values()]

@@ -15,7 +15,7 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from .. import formats, hands
-from ..core.errors import MAX_SEED, FileFormatError, InputError, check_whole
+from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
 from ..core.intervals import wilson
 from ..core.objects import as_object
@@ -96,8 +96,6 @@ class Sample:
 
     def run(self) -> None:
         """Sample, then print or write."""
-        check_whole("n", self.n, 1)
-        check_whole("seed", self.seed, most=MAX_SEED)
         kind, obj, placed = as_type(self.grasp_type), as_object(self.object), console.object_pose(self.object_pose)
         if self.side_cm is not None and self.side_axis is not None:
             raise InputError("give --side-cm or --side-axis, not both")
@@ -111,12 +109,9 @@ class Sample:
             need_matplotlib()
             need_renderer()
         proposal = console.load_proposal(self.model, self.hand, self.prior)
-        site, reach = None, proposal.hand.reach_m
-        if self.side_cm is not None:
-            site = obj.site_of_length(self.side_cm / 100, reach)
-        elif self.side_axis is not None:
-            site = obj.site(self.side_axis, reach)
-        grasps = proposal.propose_alike(obj, kind, site, self.n, np.random.default_rng(self.seed))
+        reach_m = proposal.hand.reach_m
+        side = self.side_axis if self.side_cm is None else obj.site_of_length(self.side_cm / 100, reach_m)
+        grasps = proposal.sample(kind, obj, side, self.n, self.seed)
         for note in proposal.notes(grasps):
             print(f"graspcascade sample: {note}", file=sys.stderr)
         asked: dict[str, Any] = {"grasp_type": kind.name, "object": obj.name}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,27 +16,17 @@ from ..core.tasks import Tasks, draw_tasks
 from ..core.taxonomy import GraspType, as_type
 from ..hands.hand import Hand
 from . import Proposal, as_proposed, check_reach
-
-if TYPE_CHECKING:
-    from .prior import PosturePrior
+from .prior import PosturePrior
 
 Array = NDArray[np.float64]
 
 HEURISTIC = "heuristic"
 """Name of the paper's heuristic among models, and stem of its evaluation's file."""
-SCREENED = "screened"
-"""Name of the screened heuristic among models."""
-SCREENING_DRAWS = 200
-"""Most draws of a posture for one grasp of the screened heuristic."""
 
 
 @dataclass(frozen=True, eq=False)
 class Heuristic(Proposal):
     """Draw postures from the prior and place each object between the opposing contact places.
-
-    Attributes:
-        hand: that the grasps are for.
-        prior: what postures are drawn from.
 
     Raises:
         InputError: the prior is of other joints than the hand.
@@ -48,6 +38,13 @@ class Heuristic(Proposal):
 
     def __post_init__(self) -> None:
         self.prior.columns_of(self.hand)
+
+    @classmethod
+    def pretrained(cls) -> Heuristic:
+        """Load the shipped hand and prior."""
+        from ..hands.hand_file import load_hand
+
+        return cls(load_hand("shadow"), PosturePrior.pretrained())
 
     @property
     def grasp_types(self) -> tuple[GraspType, ...]:
@@ -63,12 +60,9 @@ class Heuristic(Proposal):
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
         return place(self.hand, self.postures(tasks.grasp_type, rng), tasks, rng)
 
-    def propose_any_side(self, obj: GraspObject, kind: GraspType, n: int, rng: np.random.Generator) -> Grasps:
-        """Draw n grasps of an object, each by a side drawn among those the hand can hold.
-
-        Raises:
-            InputError: see `Proposal.propose_any_side`.
-        """
+    def propose_any_side(  # noqa: D102 (inherited)
+        self, obj: GraspObject, kind: GraspType, n: int, rng: np.random.Generator
+    ) -> Grasps:
         # Postures are drawn before sides: the order in which published collections drew them.
         postures = self.postures(np.full(n, kind.name), rng)
         return place(self.hand, postures, draw_tasks([(obj, kind)], n, self.hand.reach_m, rng), rng)
@@ -77,8 +71,7 @@ class Heuristic(Proposal):
         """Say for a record which prior postures are drawn from."""
         return {"prior": self.prior.fingerprint()}
 
-    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
-        """Say for a file where grasps come from (see `Proposal.origin`), the prior included."""
+    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:  # noqa: D102 (inherited)
         return super().origin(kind, obj) | self.describe()
 
 
@@ -87,24 +80,24 @@ class Screened(Proposal):
     """Draw from a heuristic, and again where the opposing places stay too far apart to touch the object.
 
     Attributes:
-        heuristic: what is drawn from.
         most_draws: of a posture for one grasp; the last is kept even if it cannot touch (see `cannot_touch`).
 
     Examples:
-        >>> import numpy as np
-        >>> from graspcascade import Task, Tasks, load_hand
-        >>> from graspcascade.proposals.prior import PosturePrior
-        >>> screened = Screened(Heuristic(load_hand("shadow"), PosturePrior.pretrained()))
-        >>> screened.propose(Tasks.repeat(Task.of("tripod", "box:32x41x60mm", "x"), 4), np.random.default_rng(0))
+        >>> Screened.pretrained().sample("tripod", "box:32x41x60mm", "x", n=4)
         <Grasps: 4 tripod of box:32x41x60mm, 22 joints of shadow_hand_right>
     """
 
-    source, name = HEURISTIC, SCREENED
+    source, name = HEURISTIC, "screened"
     heuristic: Heuristic
-    most_draws: int = SCREENING_DRAWS
+    most_draws: int = 200
 
     def __post_init__(self) -> None:
         check_whole("most_draws", self.most_draws, 1)
+
+    @classmethod
+    def pretrained(cls) -> Screened:
+        """Screen the heuristic of the shipped hand and prior."""
+        return cls(Heuristic.pretrained())
 
     @property
     def hand(self) -> Hand:  # type: ignore[override]
@@ -120,10 +113,9 @@ class Screened(Proposal):
         postures = self.heuristic.postures(tasks.grasp_type, rng)
         grasps = place(self.hand, postures, tasks, rng)
         for _ in range(self.most_draws - 1):
-            rows = np.flatnonzero(cannot_touch(self.hand, grasps))
-            if not rows.size:
+            if not (wide := cannot_touch(self.hand, grasps)).any():
                 break
-            postures[rows] = self.heuristic.postures(tasks.grasp_type[rows], rng)
+            postures[wide] = self.heuristic.postures(tasks.grasp_type[wide], rng)
             grasps = place(self.hand, postures, tasks, rng)
         return grasps
 
@@ -137,8 +129,7 @@ class Screened(Proposal):
         """Say for a record what the heuristic does, and how often a posture is drawn."""
         return self.heuristic.describe() | {"most_draws": self.most_draws}
 
-    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
-        """Say for a file where grasps come from (see `Proposal.origin`), the prior and the screening included."""
+    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:  # noqa: D102 (inherited)
         return super().origin(kind, obj) | self.describe()
 
 
