@@ -52,7 +52,7 @@ class Heuristic(Proposal):
         return tuple(kind for kind in self.hand.grasp_types if kind.name in self.prior.grasp_types)
 
     def postures(self, grasp_types: NDArray[np.str_], rng: np.random.Generator) -> Array:
-        """Draw a posture for each name of a type, ``(n, J)`` in radians; an InputError where hand or prior lacks it."""
+        """Draw one posture ``(n, J)``, radians, for each type name; an InputError if the hand or prior lacks a type."""
         for name in dict.fromkeys(grasp_types.tolist()):
             self.hand.check_type(as_type(name))
         return self.prior.sample(grasp_types, rng)[:, self.prior.columns_of(self.hand)]
@@ -77,10 +77,10 @@ class Heuristic(Proposal):
 
 @dataclass(frozen=True, eq=False)
 class Screened(Proposal):
-    """Draw from a heuristic, and again where the opposing places stay too far apart to touch the object.
+    """Draw from a heuristic, and draw a posture again if its digits would stay too far apart to touch the object.
 
     Attributes:
-        most_draws: of a posture for one grasp; the last is kept even if it cannot touch (see `cannot_touch`).
+        most_draws: postures tried for one grasp. If none of them can touch, the last is returned (see `cannot_touch`).
 
     Examples:
         >>> Screened.pretrained().sample("tripod", "box:32x41x60mm", "x", n=4)
