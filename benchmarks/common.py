@@ -124,13 +124,11 @@ class Spread:
         return asdict(self)
 
 
-def shipped_heuristic(most_draws: int = 1) -> Heuristic:
-    """Make the heuristic of the shipped hand and prior (see `Heuristic` for `most_draws`)."""
-    from graspcascade.hands import load_hand
+def shipped_heuristic() -> Heuristic:
+    """Make the heuristic of the shipped hand and prior."""
     from graspcascade.proposals.heuristic import Heuristic
-    from graspcascade.proposals.prior import PosturePrior
 
-    return Heuristic(load_hand("shadow"), PosturePrior.pretrained(), most_draws)
+    return Heuristic.pretrained()
 
 
 def collection_grasps(heuristic: Heuristic, per_cell: int, seed: int) -> Grasps:

@@ -10,7 +10,6 @@ from graspcascade.core.protocols import Carry, Close, Protocol, Shake
 from graspcascade.nets import TrainingSpec
 from graspcascade.proposals.cascade.stages import factorization
 from graspcascade.proposals.heuristic import Heuristic
-from graspcascade.proposals.prior import PosturePrior
 from graspcascade.studies.collect import CollectionSpec, collect
 from graspcascade.studies.dataset import load_dataset
 from graspcascade.studies.learn import CascadeTraining, fit_cascade
@@ -19,7 +18,7 @@ if not (find_spec("torch") and find_spec("pyarrow")):
     sys.exit("this example trains: pip install -c constraints.txt '.[train]'")
 
 hand = load_hand("shadow")
-heuristic = Heuristic(hand, PosturePrior.pretrained())
+heuristic = Heuristic.pretrained()
 # In earnest: the paper protocol as it is, and 1200 trials for each cell, one of 54 pairs of object and type.
 short = Protocol("short", (Close(), Shake(cycles=1), Carry(0.3)))
 few = CollectionSpec(trials_per_cell=8, round_per_cell=8)

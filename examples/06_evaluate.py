@@ -1,16 +1,15 @@
 """Shows how to compare the heuristic with a trained cascade: the same trials, rates with 95 % intervals."""
 
-from graspcascade import GraspSampler, as_object, as_type, load_hand
+from graspcascade import GraspSampler, as_object, as_type
 from graspcascade.core.intervals import newcombe
 from graspcascade.proposals.heuristic import Heuristic
-from graspcascade.proposals.prior import PosturePrior
 from graspcascade.studies.evaluate import evaluate
 
 NAMES = [("box_medium", "tripod"), ("cylinder_small", "palmar_pinch"), ("sphere_large", "parallel_extension")]
 CELLS = [(as_object(name), as_type(kind)) for name, kind in NAMES]
 
 proposals = {
-    "heuristic": Heuristic(load_hand("shadow"), PosturePrior.pretrained()),
+    "heuristic": Heuristic.pretrained(),
     "model": GraspSampler.pretrained(),
 }
 evaluations = {

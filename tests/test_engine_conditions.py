@@ -17,7 +17,7 @@ from graspcascade.engines import as_engine, run_trials
 from graspcascade.engines.mujoco.creep import FAST_FORWARD
 from graspcascade.engines.mujoco.idle import IdleFinder
 from graspcascade.hands import Hand
-from graspcascade.proposals.heuristic import Heuristic
+from graspcascade.proposals.heuristic import Heuristic, Screened
 from test_engine_trials import assert_same
 
 SIZES = ("box:24x33x52mm", "cylinder:27x80mm", "sphere:38mm", "box:30x30x240mm", "cylinder:22x21mm", "sphere:6.3cm")
@@ -196,7 +196,7 @@ def sized(hand: Hand, prior: object) -> Grasps:
     """Draw four grasps of each of several sizes, screened."""
     cells = [(as_object(size), kind) for size in SIZES for kind in list(GRASP_TYPES.values())[:2]]
     rng = np.random.default_rng(11)
-    return Heuristic(hand, prior, most_draws=50).propose(draw_tasks(cells, 2, hand.reach_m, rng), rng)
+    return Screened(Heuristic(hand, prior), 50).propose(draw_tasks(cells, 2, hand.reach_m, rng), rng)
 
 
 @pytest.mark.parametrize("creep", [True, False])

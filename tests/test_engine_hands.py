@@ -21,7 +21,7 @@ from graspcascade.engines import run_trials
 from graspcascade.engines.mujoco.creep import FAST_FORWARD
 from graspcascade.engines.mujoco.idle import idle_sets
 from graspcascade.hands import Hand, load_hand
-from graspcascade.proposals.heuristic import Heuristic
+from graspcascade.proposals.heuristic import Heuristic, Screened
 from graspcascade.studies.dataset import to_columns
 from hand_files import (
     SHADOW_MJCF,
@@ -45,7 +45,7 @@ def proposed(cut_hands: Mapping[int, Hand], prior: Any) -> dict[int, Grasps]:
         cells = [(obj, kind) for obj in OBJECTS for kind in hand.grasp_types]
         rng = np.random.default_rng(n)
         tasks = draw_tasks(cells, 3, hand.reach_m, rng)
-        made[n] = Heuristic(hand, prior, most_draws=50).propose(tasks, rng)
+        made[n] = Screened(Heuristic(hand, prior), 50).propose(tasks, rng)
     return made
 
 

@@ -29,7 +29,7 @@ from graspcascade.engines.mujoco.runner import MujocoEngine
 from graspcascade.hands import Hand, load_hand
 from graspcascade.proposals import Proposal
 from graspcascade.proposals.cascade.sampler import GraspSampler
-from graspcascade.proposals.heuristic import Heuristic, cannot_touch
+from graspcascade.proposals.heuristic import Heuristic, Screened, cannot_touch
 from graspcascade.proposals.prior import PosturePrior
 from graspcascade.studies.collect import CollectionRound, CollectionSpec
 from graspcascade.studies.dataset import load_dataset
@@ -481,7 +481,7 @@ def test_the_number_of_processes_changes_no_byte(tmp_path: Path) -> None:
 def test_the_numbers_of_processes_and_threads_change_no_trial(tmp_path: Path, prior: PosturePrior) -> None:
     cells = (cell("sphere:38mm", "tripod"), cell("box_small", "tip_pinch"))
     asked: dict[str, Any] = {"per_cell": 3, "seed": 4, "cells": cells}
-    heuristic = Heuristic(HAND, prior, most_draws=50)
+    heuristic = Screened(Heuristic(HAND, prior), 50)
     for name, threads, workers in (("a", 1, 1), ("b", 2, 1), ("c", 0, 2)):
         evaluate(heuristic, **asked, engine=MujocoEngine(threads), workers=workers, out=tmp_path / name)
     one, two, three = ({p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in "abc")
@@ -491,7 +491,7 @@ def test_the_numbers_of_processes_and_threads_change_no_trial(tmp_path: Path, pr
 def test_a_screened_heuristic_is_evaluated_on_objects_of_ones_own(
     tmp_path: Path, prior: PosturePrior, no_physics: list[int]
 ) -> None:
-    screened = Heuristic(HAND, prior, most_draws=50)
+    screened = Screened(Heuristic(HAND, prior), 50)
     result = evaluate(screened, per_cell=4, seed=0, cells=OWN_CELLS, out=tmp_path)
     assert (result.model, result.model_metadata["most_draws"]) == ("screened", 50)
     assert [cell.object_label for cell in result.cells] == [obj.name for obj, _ in OWN_CELLS]
@@ -513,8 +513,8 @@ def test_refused_cells_do_not_bind_the_folder(tmp_path: Path, no_physics: list[i
 
 
 def test_a_round_that_was_sent_elsewhere_draws_the_same(prior: PosturePrior) -> None:
-    heuristic = Heuristic(HAND, prior, most_draws=20)
-    evaluation_round = EvaluationRound(heuristic, OWN_CELLS, 5, 0, 1)
+    heuristic = Heuristic(HAND, prior)
+    evaluation_round = EvaluationRound(Screened(heuristic, 20), OWN_CELLS, 5, 0, 1)
     collection_round = CollectionRound(heuristic, (0, 30), 1, CollectionSpec(round_per_cell=4))
     for draw in (evaluation_round, collection_round):
         job = TrialJob(draw, HAND, PAPER, WithoutPhysics(), 1, 2)

@@ -16,7 +16,7 @@ from graspcascade.core.poses import rotate
 from graspcascade.core.tasks import Task, Tasks, draw_tasks
 from graspcascade.core.taxonomy import GRASP_TYPES, GraspType, as_type
 from graspcascade.hands import Hand
-from graspcascade.proposals.heuristic import Heuristic, cannot_touch, place
+from graspcascade.proposals.heuristic import Heuristic, Screened, cannot_touch, place
 from graspcascade.proposals.prior import PosturePrior
 
 N = 40
@@ -158,18 +158,18 @@ def test_the_same_generator_draws_the_same_grasps(hand: Hand, prior: PosturePrio
 # Proposals
 
 
-def test_the_heuristic_is_screened_when_it_may_draw_again(hand: Hand, prior: PosturePrior) -> None:
-    heuristic, screened = Heuristic(hand, prior), Heuristic(hand, prior, most_draws=200)
+def test_records_tell_the_screened_heuristic_from_the_papers(hand: Hand, prior: PosturePrior) -> None:
+    heuristic, screened = Heuristic(hand, prior), Screened(Heuristic(hand, prior))
     assert (heuristic.name, screened.name) == ("heuristic", "screened")
     assert heuristic.describe() == {"prior": prior.fingerprint()}
     assert screened.describe() == {"prior": prior.fingerprint(), "most_draws": 200}
     with pytest.raises(InputError, match="most_draws must be at least 1, got 0"):
-        Heuristic(hand, prior, most_draws=0)
+        Screened(heuristic, most_draws=0)
 
 
-@pytest.mark.parametrize("most_draws", [1, 50])
-def test_the_same_generator_proposes_the_same_grasps(hand: Hand, prior: PosturePrior, most_draws: int) -> None:
-    heuristic, wide = Heuristic(hand, prior, most_draws), as_object("box:20x41x160mm")
+@pytest.mark.parametrize("screen", [lambda heuristic: heuristic, Screened])
+def test_the_same_generator_proposes_the_same_grasps(hand: Hand, prior: PosturePrior, screen: Any) -> None:
+    heuristic, wide = screen(Heuristic(hand, prior)), as_object("box:20x41x160mm")
     tasks = Tasks.of(Task.of(kind, obj, "x") for kind in GRASP_TYPES for obj in (wide, "cylinder:14x60mm", "box_large"))
 
     def both(seed: int) -> list[Grasps]:
@@ -183,13 +183,27 @@ def test_the_same_generator_proposes_the_same_grasps(hand: Hand, prior: PostureP
         assert not np.array_equal(one.posture, other.posture)
 
 
+@pytest.mark.parametrize("kind", [Heuristic, Screened])
+def test_one_line_samples_an_own_size_by_an_axis_a_site_or_any_side(kind: Any) -> None:
+    proposal, box = kind.pretrained(), as_object("box:32x41x60mm")
+    by_axis, by_site = (proposal.sample("tripod", box, side, n=3, seed=1) for side in ("y", box.site("y", 0.065)))
+    assert by_axis.side_axis.tolist() == ["y"] * 3
+    np.testing.assert_array_equal(by_axis.posture, by_site.posture)
+    task = Task.of("tripod", box, "y")
+    proposed = proposal.propose(Tasks.repeat(task, 3), np.random.default_rng(1))
+    np.testing.assert_array_equal(by_axis.X_hand_object.position_m, proposed.X_hand_object.position_m)
+    assert set(proposal.sample("tripod", "box:32x41x60mm", n=20).side_axis) == {"x", "y", "z"}
+    with pytest.raises(InputError, match="n must be at least 1, got 0"):
+        proposal.sample("tripod", box, n=0)
+
+
 def test_screening_draws_again_only_where_the_digits_cannot_touch(hand: Hand, prior: PosturePrior) -> None:
     things = [*CATALOGUE.values(), as_object("cylinder:8x30mm"), as_object("box:60x60x9mm")]
     cells = [(obj, kind) for obj in things for kind in GRASP_TYPES.values()]
     tasks = draw_tasks(cells, 3, hand.reach_m, np.random.default_rng(0))
     plain = Heuristic(hand, prior).propose(tasks, np.random.default_rng(1))
     assert cannot_touch(hand, plain).any()
-    screened = Heuristic(hand, prior, most_draws=200).propose(tasks, np.random.default_rng(1))
+    screened = Screened(Heuristic(hand, prior)).propose(tasks, np.random.default_rng(1))
     assert not cannot_touch(hand, screened).any()
     assert screened.tasks.same_as(tasks)
     kept = ~cannot_touch(hand, plain)

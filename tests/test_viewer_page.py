@@ -23,7 +23,7 @@ from graspcascade.core.objects import as_object
 from graspcascade.core.protocols import PAPER
 from graspcascade.hands import Hand
 from graspcascade.proposals.cascade.sampler import GraspSampler
-from graspcascade.proposals.heuristic import Heuristic
+from graspcascade.proposals.heuristic import Heuristic, Screened
 from graspcascade.proposals.prior import PosturePrior
 from graspcascade.viewer import Batch, SampleRequest, sample_batch
 from graspcascade.viewer import server as server_module
@@ -229,7 +229,7 @@ def test_an_object_of_ones_own_size_is_sampled_and_shown(
     hand: Hand, prior: PosturePrior, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(server_module, "Page", Watched)
-    heuristic, request = Heuristic(hand, prior, 200), SampleRequest.of(n=1)
+    heuristic, request = Screened(Heuristic(hand, prior)), SampleRequest.of(n=1)
     server = serve(Start(heuristic, hand, request, PAPER, sample_batch(heuristic, hand, request)), port=0)
     Watched.written.queue.clear()
     with connect(f"ws://127.0.0.1:{server.get_port()}", subprotocols=[VISER], max_size=None) as socket:
@@ -253,7 +253,7 @@ def test_a_page_without_a_model_shows_its_grasps_and_says_what_sampling_needs(
 ) -> None:
     monkeypatch.setattr(server_module, "Page", Watched)
     hand = cut_hands[2]
-    batch = sample_batch(Heuristic(hand, prior, 200), hand, SampleRequest.of("tip_pinch", "sphere_small", n=1))
+    batch = sample_batch(Screened(Heuristic(hand, prior)), hand, SampleRequest.of("tip_pinch", "sphere_small", n=1))
     server = serve(Start(None, hand, SampleRequest.of(), PAPER, batch), port=0)
     Watched.written.queue.clear()
     with connect(f"ws://127.0.0.1:{server.get_port()}", subprotocols=[VISER], max_size=None) as socket:

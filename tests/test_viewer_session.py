@@ -18,7 +18,7 @@ from graspcascade.core.taxonomy import as_type
 from graspcascade.formats import FORMATS_BY_NAME, load_grasps, save_grasps
 from graspcascade.hands import Hand
 from graspcascade.proposals.cascade.sampler import GraspSampler
-from graspcascade.proposals.heuristic import Heuristic
+from graspcascade.proposals.heuristic import Heuristic, Screened
 from graspcascade.proposals.prior import PosturePrior
 from graspcascade.viewer import Batch, SampleRequest, Session, file_batch, sample_batch, with_friction
 from graspcascade.viewer.session import measured, pack
@@ -54,7 +54,7 @@ def test_samples_are_the_samplers(sampler: GraspSampler, hand: Hand) -> None:
 
 
 def test_a_heuristic_samples_objects_of_any_size(hand: Hand, prior: PosturePrior) -> None:
-    heuristic, request = Heuristic(hand, prior, 200), SampleRequest.of("tripod", "box:32x41x60mm", "x", 4, 1)
+    heuristic, request = Screened(Heuristic(hand, prior)), SampleRequest.of("tripod", "box:32x41x60mm", "x", 4, 1)
     one, again = (sample_batch(heuristic, hand, request) for _ in range(2))
     np.testing.assert_array_equal(one.grasps.X_hand_object.position_m, again.grasps.X_hand_object.position_m)
     assert one.name == "tripod_box_32x41x60mm_x_seed1"

@@ -19,7 +19,7 @@ from graspcascade.core.grasps import Grasps
 from graspcascade.core.tasks import Task, Tasks
 from graspcascade.formats import save_grasps
 from graspcascade.hands import Hand
-from graspcascade.proposals.heuristic import Heuristic
+from graspcascade.proposals.heuristic import Heuristic, Screened
 from graspcascade.proposals.prior import PosturePrior
 
 
@@ -97,7 +97,7 @@ def test_a_file_is_shown_with_a_hand_that_no_model_is_of(
     hand, source, out = cut_hands[2], tmp_path / "pinches.json", tmp_path / "page.html"
     assert hand.mjcf is not None
     tasks = Tasks.repeat(Task.of("tip_pinch", "sphere:30mm", "x"), 2)
-    grasps = Heuristic(hand, prior, most_draws=200).propose(tasks, np.random.default_rng(0))
+    grasps = Screened(Heuristic(hand, prior)).propose(tasks, np.random.default_rng(0))
     save_grasps(source, grasps, metadata={})
     asked = ["--hand", hand.mjcf.with_name("hand.yaml"), "--html", out]
     said = view(capsys, source, *asked)

@@ -28,6 +28,7 @@ from graspcascade.hands import load_hand
 from graspcascade.nets import EpochRecord, TrainingSpec
 from graspcascade.proposals import Proposal
 from graspcascade.proposals.cascade.sampler import GraspSampler
+from graspcascade.proposals.heuristic import Screened
 from graspcascade.studies.dataset import Dataset, load_dataset, read_metadata, shards_digest
 from graspcascade.studies.evaluate import evaluate
 from graspcascade.studies.learn import TRAINING_FILE, CascadeTraining, fit_cascade
@@ -109,7 +110,8 @@ class Experiment:
 
     def _evaluate(self, run: Run, sampler: GraspSampler | None) -> Evaluation:
         if sampler is None:
-            proposal: Proposal = shipped_heuristic(run.most_draws)
+            heuristic = shipped_heuristic()
+            proposal: Proposal = Screened(heuristic) if run.screened else heuristic
         else:
             proposal = replace(sampler, size_mode=run.size_mode)
         folder = self._arguments.out / "trials" / run.name

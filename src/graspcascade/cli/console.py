@@ -167,16 +167,17 @@ def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Pr
         InputError: no such model or hand, a prior with a cascade, or a hand of other joints than the cascade's.
     """
     from ..proposals.cascade.sampler import GraspSampler, shipped_folders
-    from ..proposals.heuristic import HEURISTIC, SCREENED, SCREENING_DRAWS, Heuristic
+    from ..proposals.heuristic import Heuristic, Screened
 
-    if model in (HEURISTIC, SCREENED):
-        own = hands.load_hand("shadow" if hand is None else hand)
-        return Heuristic(own, load_prior(prior), SCREENING_DRAWS if model == SCREENED else 1)
+    untrained = Heuristic.name, Screened.name
+    if model in untrained:
+        heuristic = Heuristic(hands.load_hand("shadow" if hand is None else hand), load_prior(prior))
+        return Screened(heuristic) if model == Screened.name else heuristic
     if prior is not None:
         raise InputError(f"a prior is the heuristic's; give --model heuristic or screened with it, got --model {model}")
     shipped, is_path = shipped_folders(), os.sep in model or Path(model).exists()
     if not is_path and model not in shipped:
-        raise InputError(f"{unknown('model', model, [HEURISTIC, SCREENED, *shipped])} Or a trained cascade's folder.")
+        raise InputError(f"{unknown('model', model, [*untrained, *shipped])} Or a trained cascade's folder.")
     sampler = GraspSampler.load(model if is_path and model != "default" else shipped[model])
     if hand is not None and set((own := hands.load_hand(hand)).joint_names) != set(sampler.hand.joint_names):
         shared = set(own.joint_names) <= set(load_prior(None).joint_names)

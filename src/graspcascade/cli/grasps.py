@@ -14,14 +14,13 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from .. import formats, hands
-from ..core.errors import MAX_SEED, FileFormatError, InputError, check_whole
+from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
 from ..core.intervals import wilson
 from ..core.objects import as_object
 from ..core.poses import Pose
 from ..core.taxonomy import as_type
 from ..formats.registry import GraspFormat, format_to_read, format_to_write
-from ..proposals.heuristic import SCREENED, SCREENING_DRAWS, cannot_touch
 from . import console
 from .console import (
     Flag,
@@ -82,8 +81,6 @@ class Sample:
 
     def run(self) -> None:
         """Sample, then print or write."""
-        check_whole("n", self.n, 1)
-        check_whole("seed", self.seed, most=MAX_SEED)
         kind, obj, placed = as_type(self.grasp_type), as_object(self.object), console.object_pose(self.object_pose)
         if self.side_cm is not None and self.side_axis is not None:
             raise InputError("give --side-cm or --side-axis, not both")
@@ -97,15 +94,11 @@ class Sample:
             need_matplotlib()
             need_renderer()
         proposal = console.load_proposal(self.model, self.hand, self.prior)
-        site, reach = None, proposal.hand.reach_m
-        if self.side_cm is not None:
-            site = obj.site_of_length(self.side_cm / 100, reach)
-        elif self.side_axis is not None:
-            site = obj.site(self.side_axis, reach)
-        grasps = proposal.propose_alike(obj, kind, site, self.n, np.random.default_rng(self.seed))
-        if proposal.name == SCREENED and (wide := int(cannot_touch(proposal.hand, grasps).sum())):
-            tried = f"in {SCREENING_DRAWS} draws none was found whose digits can touch the object"
-            print(f"graspcascade sample: {wide} of {len(grasps)} grasps are not screened: {tried}", file=sys.stderr)
+        reach_m = proposal.hand.reach_m
+        side = self.side_axis if self.side_cm is None else obj.site_of_length(self.side_cm / 100, reach_m)
+        grasps = proposal.sample(kind, obj, side, self.n, self.seed)
+        for note in proposal.notes(grasps):
+            print(f"graspcascade sample: {note}", file=sys.stderr)
         asked: dict[str, Any] = {"grasp_type": kind.name, "object": obj.name}
         asked |= {"side_cm": self.side_cm, "side_axis": self.side_axis, "n": self.n, "seed": self.seed}
         versions = {"graspcascade": version("graspcascade"), "numpy": np.__version__}

@@ -308,7 +308,7 @@ class Hand:
         return places[thumb].point_m, places[other].point_m
 
     def closure(self, executed: ArrayLike, kinds: Sequence[GraspType], kind_of_row: NDArray[np.intp]) -> Closure:
-        """Do what `opposition` and `grasp_size` do for executed postures, row i being of ``kinds[kind_of_row[i]]``."""
+        """Measure how executed postures of mixed types close; posture i is of type ``kinds[kind_of_row[i]]``."""
         spots = {name: (self.digits[name].tip_body, self.digits[name].tip_m) for name in ("thumb", "index")}
         for name in sorted({name for kind in kinds for name in kind.opposition}):
             spots[name] = (self._place(name).body, self._place(name).point_m)

@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError
+from ..core.errors import MAX_SEED, InputError, check_whole
 from ..core.grasps import Grasps
-from ..core.objects import GraspObject, Site
+from ..core.objects import GraspObject, Site, as_object
 from ..core.poses import Pose
 from ..core.tasks import Task, Tasks, draw_tasks
-from ..core.taxonomy import GraspType
+from ..core.taxonomy import GraspType, as_type
 from ..hands.hand import Hand
 
 Array = NDArray[np.float64]
@@ -57,17 +57,34 @@ class Proposal(ABC):
         """
         return self.propose(draw_tasks([(obj, kind)], n, self.hand.reach_m, rng), rng)
 
-    def propose_alike(
-        self, obj: GraspObject, kind: GraspType, site: Site | None, n: int, rng: np.random.Generator
+    def sample(
+        self,
+        grasp_type: GraspType | str,
+        obj: GraspObject | str,
+        side: Site | str | None = None,
+        n: int = 10,
+        seed: int = 0,
     ) -> Grasps:
-        """Draw n grasps of an object by one site, or where that is None by sides drawn as in `propose_any_side`.
+        """Draw n grasps of one object; the same arguments give the same grasps.
+
+        The object may be a size such as ``box:30x45x60mm``, and the side one of its body axes, ``"x"``, or a site. With
+        no side, each grasp draws one of those that the hand can hold.
 
         Raises:
-            InputError: see `propose_any_side`.
+            InputError: an unknown name, a side that cannot be held, n < 1, a negative seed, or see `propose`.
         """
-        if site is None:
-            return self.propose_any_side(obj, kind, n, rng)
-        return self.propose(Tasks.repeat(Task(kind, obj, site), n), rng)
+        kind, target = as_type(grasp_type), as_object(obj)
+        check_whole("n", n, 1)
+        check_whole("seed", seed, most=MAX_SEED)
+        rng = np.random.default_rng(seed)
+        if side is None:
+            return self.propose_any_side(target, kind, n, rng)
+        site = target.site(side, self.hand.reach_m) if isinstance(side, str) else side
+        return self.propose(Tasks.repeat(Task(kind, target, site), n), rng)
+
+    def notes(self, grasps: Grasps) -> tuple[str, ...]:
+        """Say what a user should be told of grasps that it drew; here nothing."""
+        return ()
 
     def describe(self) -> dict[str, Any]:
         """Say for a record what the grasps are drawn from."""

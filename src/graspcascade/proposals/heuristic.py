@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,101 +13,123 @@ from ..core.grasps import Grasps
 from ..core.objects import GraspObject
 from ..core.poses import Pose, canonical_quat, quat_multiply
 from ..core.tasks import Tasks, draw_tasks
-from ..core.taxonomy import GraspType
+from ..core.taxonomy import GraspType, as_type
 from ..hands.hand import Hand
 from . import Proposal, as_proposed, check_reach
-
-if TYPE_CHECKING:
-    from .prior import PosturePrior
+from .prior import PosturePrior
 
 Array = NDArray[np.float64]
 
 HEURISTIC = "heuristic"
 """Name of the paper's heuristic among models, and stem of its evaluation's file."""
-SCREENED = "screened"
-"""Name of the heuristic that draws again where the digits cannot touch the object."""
-SCREENING_DRAWS = 200
-"""Most draws of a posture for one grasp of the screened heuristic."""
 
 
 @dataclass(frozen=True, eq=False)
 class Heuristic(Proposal):
     """Draw postures from the prior and place each object between the opposing contact places.
 
-    Attributes:
-        hand: that the grasps are for.
-        prior: what postures are drawn from.
-        most_draws: how often a posture is drawn for a grasp whose opposing places are too far apart to touch the object
-            (see `cannot_touch`). 1 is the paper's heuristic; above 1 this screens, as a collection does, but keeps the
-            side asked for; a grasp that no draw helps stays the last one, and `cannot_touch` tells which these are.
-
     Raises:
         InputError: the prior is of other joints than the hand.
-
-    Examples:
-        >>> import numpy as np
-        >>> from graspcascade import Task, Tasks, load_hand
-        >>> from graspcascade.proposals.prior import PosturePrior
-        >>> heuristic = Heuristic(load_hand("shadow"), PosturePrior.pretrained(), most_draws=200)
-        >>> heuristic.propose(Tasks.repeat(Task.of("tripod", "box:32x41x60mm", "x"), 4), np.random.default_rng(0))
-        <Grasps: 4 tripod of box:32x41x60mm, 22 joints of shadow_hand_right>
     """
 
-    source = "heuristic"
+    source = name = HEURISTIC
     hand: Hand
     prior: PosturePrior
-    most_draws: int = 1
 
     def __post_init__(self) -> None:
         self.prior.columns_of(self.hand)
-        check_whole("most_draws", self.most_draws, 1)
 
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """Name that rates are quoted under."""
-        return HEURISTIC if self.most_draws == 1 else SCREENED
+    @classmethod
+    def pretrained(cls) -> Heuristic:
+        """Load the shipped hand and prior."""
+        from ..hands.hand_file import load_hand
+
+        return cls(load_hand("shadow"), PosturePrior.pretrained())
 
     @property
     def grasp_types(self) -> tuple[GraspType, ...]:
         """Grasp types that the hand can make and of which the prior has seen postures."""
         return tuple(kind for kind in self.hand.grasp_types if kind.name in self.prior.grasp_types)
 
+    def postures(self, grasp_types: NDArray[np.str_], rng: np.random.Generator) -> Array:
+        """Draw one posture ``(n, J)``, radians, for each type name; an InputError if the hand or prior lacks a type."""
+        for name in dict.fromkeys(grasp_types.tolist()):
+            self.hand.check_type(as_type(name))
+        return self.prior.sample(grasp_types, rng)[:, self.prior.columns_of(self.hand)]
+
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
-        for task in tasks.distinct:
-            self.hand.check_type(task.grasp_type)
-        postures = self._postures(tasks.grasp_type, rng)
+        return place(self.hand, self.postures(tasks.grasp_type, rng), tasks, rng)
+
+    def propose_any_side(  # noqa: D102 (inherited)
+        self, obj: GraspObject, kind: GraspType, n: int, rng: np.random.Generator
+    ) -> Grasps:
+        # Postures are drawn before sides: the order in which published collections drew them.
+        postures = self.postures(np.full(n, kind.name), rng)
+        return place(self.hand, postures, draw_tasks([(obj, kind)], n, self.hand.reach_m, rng), rng)
+
+    def describe(self) -> dict[str, Any]:
+        """Say for a record which prior postures are drawn from."""
+        return {"prior": self.prior.fingerprint()}
+
+    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:  # noqa: D102 (inherited)
+        return super().origin(kind, obj) | self.describe()
+
+
+@dataclass(frozen=True, eq=False)
+class Screened(Proposal):
+    """Draw from a heuristic, and draw a posture again if its digits would stay too far apart to touch the object.
+
+    Attributes:
+        most_draws: postures tried for one grasp. If none of them can touch, the last is returned (see `cannot_touch`).
+
+    Examples:
+        >>> Screened.pretrained().sample("tripod", "box:32x41x60mm", "x", n=4)
+        <Grasps: 4 tripod of box:32x41x60mm, 22 joints of shadow_hand_right>
+    """
+
+    source, name = HEURISTIC, "screened"
+    heuristic: Heuristic
+    most_draws: int = 200
+
+    def __post_init__(self) -> None:
+        check_whole("most_draws", self.most_draws, 1)
+
+    @classmethod
+    def pretrained(cls) -> Screened:
+        """Screen the heuristic of the shipped hand and prior."""
+        return cls(Heuristic.pretrained())
+
+    @property
+    def hand(self) -> Hand:  # type: ignore[override]
+        """Hand that the grasps are for."""
+        return self.heuristic.hand
+
+    @property
+    def grasp_types(self) -> tuple[GraspType, ...]:
+        """Grasp types of the heuristic."""
+        return self.heuristic.grasp_types
+
+    def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
+        postures = self.heuristic.postures(tasks.grasp_type, rng)
         grasps = place(self.hand, postures, tasks, rng)
         for _ in range(self.most_draws - 1):
-            rows = np.flatnonzero(cannot_touch(self.hand, grasps))
-            if not rows.size:
+            if not (wide := cannot_touch(self.hand, grasps)).any():
                 break
-            postures[rows] = self._postures(tasks.grasp_type[rows], rng)
+            postures[wide] = self.heuristic.postures(tasks.grasp_type[wide], rng)
             grasps = place(self.hand, postures, tasks, rng)
         return grasps
 
-    def propose_any_side(self, obj: GraspObject, kind: GraspType, n: int, rng: np.random.Generator) -> Grasps:
-        """Draw n grasps of an object, each by a side drawn among those the hand can hold.
-
-        Raises:
-            InputError: see `Proposal.propose_any_side`.
-        """
-        if self.most_draws > 1:
-            return super().propose_any_side(obj, kind, n, rng)
-        # Postures are drawn before sides: the order in which published collections drew them.
-        self.hand.check_type(kind)
-        postures = self._postures(np.full(n, kind.name), rng)
-        return place(self.hand, postures, draw_tasks([(obj, kind)], n, self.hand.reach_m, rng), rng)
-
-    def _postures(self, grasp_types: NDArray[np.str_], rng: np.random.Generator) -> Array:
-        return self.prior.sample(grasp_types, rng)[:, self.prior.columns_of(self.hand)]
+    def notes(self, grasps: Grasps) -> tuple[str, ...]:
+        """Say how many of its grasps are not screened, if any."""
+        wide = int(cannot_touch(self.hand, grasps).sum())
+        tried = f"in {self.most_draws} draws none was found whose digits can touch the object"
+        return (f"{wide} of {len(grasps)} grasps are not screened: {tried}",) if wide else ()
 
     def describe(self) -> dict[str, Any]:
-        """Say for a record which prior postures are drawn from, and whether grasps are screened."""
-        screening = {"most_draws": self.most_draws} if self.most_draws > 1 else {}
-        return {"prior": self.prior.fingerprint()} | screening
+        """Say for a record what the heuristic does, and how often a posture is drawn."""
+        return self.heuristic.describe() | {"most_draws": self.most_draws}
 
-    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
-        """Say for a file where grasps come from (see `Proposal.origin`), the prior and the screening included."""
+    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:  # noqa: D102 (inherited)
         return super().origin(kind, obj) | self.describe()
 
 

@@ -86,14 +86,11 @@ class Dataset:
 
     Examples:
         >>> from tempfile import TemporaryDirectory
-        >>> from graspcascade import as_object, as_type, load_hand
         >>> from graspcascade.proposals.heuristic import Heuristic
-        >>> from graspcascade.proposals.prior import PosturePrior
         >>> from graspcascade.studies.collect import CollectionSpec, collect
-        >>> proposal = Heuristic(load_hand("shadow"), PosturePrior.pretrained())
         >>> spec = CollectionSpec(trials_per_cell=4, round_per_cell=4)
         >>> with TemporaryDirectory() as folder:
-        ...     state = collect(proposal, spec, folder, cells=[(as_object("box:32x41x60mm"), as_type("tripod"))])
+        ...     state = collect(Heuristic.pretrained(), spec, folder, cells=[("box:32x41x60mm", "tripod")])
         ...     dataset = load_dataset(folder)
         >>> len(dataset.grasps), int(dataset.outcomes.held.sum()) == int(state.held.sum())
         (4, True)

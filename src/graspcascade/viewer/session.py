@@ -92,8 +92,7 @@ def sample_batch(proposal: Proposal, hand: Hand, request: SampleRequest) -> Batc
     """Sample what is asked for, or raise an `InputError`; the same request gives the same grasps."""
     hand.check_type(request.grasp_type)
     kind, obj, axis, n, seed = request.grasp_type, request.object, request.side_axis, request.n, request.seed
-    site = None if axis is None else obj.site(axis, hand.reach_m)
-    grasps = proposal.propose_alike(obj, kind, site, n, np.random.default_rng(seed))
+    grasps = proposal.sample(kind, obj, axis, n, seed)
     asked = {"grasp_type": kind.name, "object": obj.name, "side_axis": axis, "n": n, "seed": seed}
     name = "_".join([kind.name, obj.name, *([axis] if axis else []), f"seed{seed}"]).replace(":", "_")
     return Batch(_ordered(grasps, hand), name, proposal.origin(kind, obj) | {"asked": asked})

@@ -13,13 +13,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import MAX_SEED, FileFormatError, InputError, check_name, check_whole, unknown
+from ...core.errors import FileFormatError, InputError, check_name, unknown
 from ...core.files import read_json
 from ...core.grasps import Grasps
-from ...core.objects import GraspObject, as_object
+from ...core.objects import GraspObject
 from ...core.poses import Pose, canonical_quat
 from ...core.tasks import Task, Tasks
-from ...core.taxonomy import GraspType, as_type
+from ...core.taxonomy import GraspType
 from ...hands.hand import Hand
 from ...nets import NumpyDecoder, load_decoders, save_decoders
 from .. import Proposal, as_proposed, check_reach
@@ -52,8 +52,6 @@ class GraspSampler(Proposal):
         name: the factorization's name.
         hand: geometry of the hand it was trained for.
         factorization: its stages.
-        decoders: the trained decoder of each stage.
-        sizes: which sizes to ask for.
         metadata: what it was trained on and how.
         size_mode: how sizes are chosen from `sizes`.
         measured: trials of its evaluation by "type/object": ``{"held", "n", "protocol"}``; empty before there is one.
@@ -183,33 +181,6 @@ class GraspSampler(Proposal):
         cell = f"{kind.name}/{(known_object(obj) or obj).name}"
         measured = {cell: dict(self.measured[cell])} if cell in self.measured else {}
         return super().origin(kind, obj) | {"measured": measured}
-
-    def sample(
-        self,
-        grasp_type: GraspType | str,
-        obj: GraspObject | str,
-        side_axis: str | None = None,
-        n: int = 10,
-        seed: int = 0,
-    ) -> Grasps:
-        """Draw n grasps; the same arguments give the same grasps.
-
-        Args:
-            grasp_type: a grasp type or its name.
-            obj: an object, a catalogue name or a size such as ``box:30x45x60mm``.
-            side_axis: body axis to hold it by, or None to draw among the graspable sides.
-            n: how many.
-            seed: seed of all draws.
-
-        Raises:
-            InputError: an unknown name, an object that the model does not know, a side that cannot be held, n < 1, a
-                negative seed, or, unless sizes are the paper's, a type that was never seen in training.
-        """
-        kind, target = as_type(grasp_type), as_object(obj)
-        check_whole("n", n, 1)
-        check_whole("seed", seed, most=MAX_SEED)
-        site = None if side_axis is None else target.site(side_axis, self.hand.reach_m)
-        return self.propose_alike(target, kind, site, n, np.random.default_rng(seed))
 
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:
         """Draw one grasp for each task; the same generator state gives the same grasps.
