@@ -131,6 +131,12 @@ def check_exists(path: Path) -> None:
         raise InputError(f"there is no file or folder {path}")
 
 
+def say(verb: str, *lines: str) -> None:
+    """Say on standard error, a line each, what the user of a command should know."""
+    for line in lines:
+        print(f"graspcascade {verb}: {line}", file=sys.stderr)
+
+
 def possible_cells(proposal: Proposal, hand: Hand, verb: str) -> list[Pair]:
     """List the catalogue's cells of types that proposal and hand can make; say on standard error what is left out."""
     from ..studies.rounds import CELLS
@@ -139,7 +145,7 @@ def possible_cells(proposal: Proposal, hand: Hand, verb: str) -> list[Pair]:
     left_out = [name for name, kind in GRASP_TYPES.items() if kind not in possible]
     if left_out:
         why = f"{hand.name} lacks digits or places for them, or {proposal.name} has not seen them"
-        print(f"graspcascade {verb}: left out {', '.join(left_out)}: {why}", file=sys.stderr)
+        say(verb, f"left out {', '.join(left_out)}: {why}")
     return [cell for cell in CELLS if cell[1] in possible]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import threading
 from dataclasses import dataclass, fields
 from importlib.metadata import version
@@ -97,8 +96,7 @@ class Sample:
         reach_m = proposal.hand.reach_m
         side = self.side_axis if self.side_cm is None else obj.site_of_length(self.side_cm / 100, reach_m)
         grasps = proposal.sample(kind, obj, side, self.n, self.seed)
-        for note in proposal.notes(grasps):
-            print(f"graspcascade sample: {note}", file=sys.stderr)
+        console.say("sample", *proposal.notes(grasps))
         asked: dict[str, Any] = {"grasp_type": kind.name, "object": obj.name}
         asked |= {"side_cm": self.side_cm, "side_axis": self.side_axis, "n": self.n, "seed": self.seed}
         versions = {"graspcascade": version("graspcascade"), "numpy": np.__version__}
@@ -222,8 +220,7 @@ class View:
                 proposal = console.load_proposal(self.model, self.hand)
         console.check_exists(self.file)
         batch = file_batch(self.file, hand, self.trust_pickle)
-        for note in batch.notes:
-            print(f"graspcascade view: {note}", file=sys.stderr)
+        console.say("view", *batch.notes)
         return Start(proposal, hand, request, protocol, batch, f"{len(batch.grasps)} grasps of {self.file.name}")
 
 
@@ -290,8 +287,7 @@ class Export:
         grasps, metadata, outcomes = document.grasps, document.metadata, None
         if not len(grasps):
             raise InputError(f"{self.grasps} holds no grasps")
-        for note in (*document.notes, *([] if evaluation is None else _other_origin(evaluation, document))):
-            print(f"graspcascade export: {note}", file=sys.stderr)
+        console.say("export", *document.notes, *([] if evaluation is None else _other_origin(evaluation, document)))
         if settle or self.only_held:
             from ..engines import run_trials
 

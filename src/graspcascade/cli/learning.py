@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -204,7 +203,7 @@ class _Watch:
     def _say(self, words: str) -> None:
         if words not in self._said:
             self._said.add(words)
-            print(f"graspcascade collect: {words}", file=sys.stderr)
+            console.say("collect", words)
 
     def _to_come(self) -> int:
         """Count the trials that whole rounds will still execute; of held grasps, as far as the rates so far tell."""

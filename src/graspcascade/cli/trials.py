@@ -73,8 +73,7 @@ class Trial:
 def _executable(path: Path, hand: Hand, trust_pickle: bool, verb: str) -> GraspDocument:
     console.check_exists(path)
     document = load_executable(path, hand, trust_pickle=trust_pickle)
-    for note in document.notes:
-        print(f"graspcascade {verb}: {note}", file=sys.stderr)
+    console.say(verb, *document.notes)
     return document
 
 
@@ -83,7 +82,7 @@ def _keep(
 ) -> None:
     """Write the grasps that are kept, or say that there are none."""
     if not kept.any():
-        print(f"graspcascade {verb}: no grasp is kept, {path} is not written", file=sys.stderr)
+        console.say(verb, f"no grasp is kept, {path} is not written")
         return
     save_grasps(path, grasps[kept], metadata=metadata, X_world_object=document.X_world_object)
     print(f"wrote {int(kept.sum())} of {len(grasps)} grasps to {path}", file=sys.stderr)
@@ -138,16 +137,17 @@ class Verify:
                 progress=progress.advance,
             )
         about: dict[str, Any] = {"protocol": verified.protocol, "draws": self.draws, "seed": self.seed}
-        grasps, columns = verified.grasps, ("held", "faithful", "steady")
+        grasps, tried = verified.grasps, {name: getattr(verified, name) for name in ("held", "faithful", "steady")}
+        rates = {name: float(flags.mean()) for name, flags in tried.items()}
         if self.json:
-            counts = {name: getattr(verified, name).sum(axis=1).tolist() for name in columns}
-            rows = zip(grasps.grasp_type.tolist(), grasps.object_name.tolist(), *counts.values(), strict=True)
-            named = [dict(zip(("grasp_type", "object", *columns), row, strict=True)) for row in rows]
-            rates = {name: float(getattr(verified, name).mean()) for name in columns}
+            columns = {"grasp_type": grasps.grasp_type, "object": grasps.object_name}
+            columns |= {name: flags.sum(axis=1) for name, flags in tried.items()}
+            rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+            named = [dict(zip(columns, row, strict=True)) for row in rows]
             console.print_json({**about, "n": n, **rates, "grasps": named})
         else:
             self._print(grasps, verified.held.sum(axis=1).tolist())
-            shares = ", ".join(f"{name} {getattr(verified, name).mean():.1%}" for name in columns)
+            shares = ", ".join(f"{name} {rate:.1%}" for name, rate in rates.items())
             print(f"protocol {verified.protocol}, {n} grasps tried {self.draws} times each: {shares}")
         if self.out is not None:
             kept = np.full(n, True) if self.keep is None else grasps.probability >= self.keep
@@ -156,10 +156,10 @@ class Verify:
 
     def _print(self, grasps: Grasps, held: list[int]) -> None:
         rows = []
-        for number, (row, count) in enumerate(zip(grasps, held, strict=True)):
+        names = zip(grasps.grasp_type.tolist(), grasps.object_name.tolist(), grasps.side_axis.tolist(), strict=True)
+        for number, (named, count) in enumerate(zip(names, held, strict=True)):
             share = wilson(count, self.draws)
-            said = f"{share.rate:.0%} [{share.low:.0%}, {share.high:.0%}]"
-            rows.append([str(number), row.grasp_type[0], row.object_name[0], row.side_axis[0], str(count), said])
+            rows.append([str(number), *named, str(count), f"{share.rate:.0%} [{share.low:.0%}, {share.high:.0%}]"])
         console.print_table(["#", "type", "object", "side", "held", "chance"], rows, left=(0, 1, 2, 3))
 
 

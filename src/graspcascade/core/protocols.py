@@ -434,7 +434,14 @@ Its contact settings are the cheapest that keep the limits of ``benchmarks/physi
 VARIED = replace(
     HOLD,
     name="varied",
-    variation=Variation((0.5, 1.0), (0.5, 2.0), (0.7, 1.4), 0.002, math.radians(3.0), 0.001),
+    variation=Variation(
+        friction=(0.5, 1.0),
+        density_factor=(0.5, 2.0),
+        gain_factor=(0.7, 1.4),
+        position_sd_m=0.002,
+        rotation_sd_rad=math.radians(3.0),
+        size_error_m=0.001,
+    ),
 )
 """`HOLD`, each trial with a draw of its own of what a user with a camera and a real hand meets."""
 PROTOCOLS: Mapping[str, Protocol] = {protocol.name: protocol for protocol in (PAPER, HOLD, VARIED)}
