@@ -29,6 +29,7 @@ from graspcascade.hands import Hand, load_hand
 from graspcascade.nets import TrainingSpec, load_decoders, save_decoders
 from graspcascade.proposals.cascade.encoding import (
     Request,
+    Vocabulary,
     condition,
     condition_matrix,
     encode_request,
@@ -39,7 +40,7 @@ from graspcascade.proposals.cascade.encoding import (
 from graspcascade.proposals.cascade.sampler import GraspSampler
 from graspcascade.proposals.cascade.sizes import SizeMode, SizeRule
 from graspcascade.proposals.cascade.stages import FACTORIZATIONS, Frame, ObjectCode, factorization
-from graspcascade.proposals.heuristic import opposition_points, place
+from graspcascade.proposals.heuristic import Heuristic, opposition_points, place
 from graspcascade.proposals.prior import PosturePrior
 from graspcascade.studies.dataset import Dataset
 from graspcascade.studies.learn import CascadeTraining, FittedCascade, fit_cascade, prepare, repeat_rare
@@ -283,9 +284,9 @@ def test_a_type_without_successes_is_one_that_was_never_seen(dataset: Dataset) -
     verdict = np.where(dataset.grasps.grasp_type == "tip_pinch", "dropped", "held")
     none = dataclasses.replace(dataset, outcomes=dataclasses.replace(dataset.outcomes, verdict=verdict))
     data = prepare(HAND, none, FACTORIZATIONS["model3"], CascadeTraining())
-    asked = Request(Tasks.of([Task.of("tip_pinch", "box_small", "x")]), *np.full((2, 1), 0.02))
-    with pytest.raises(InputError, match="seen no grasps of type 'tip_pinch'"):
-        data.sizes.apply(asked, "best", np.random.default_rng(0))
+    assert data.vocabulary.grasp_types == tuple(name for name in GRASP_TYPES if name != "tip_pinch")
+    with pytest.raises(InputError, match="seen no grasps of type 'tip_pinch'; it knows tripod, "):
+        data.vocabulary.check(Task.of("tip_pinch", "box_small", "x"), "label")
 
 
 def test_an_unknown_size_mode_names_the_nearest(fitted: FittedCascade) -> None:
@@ -421,6 +422,9 @@ def test_rows_may_be_spelled_as_a_single_request_may(fitted: FittedCascade) -> N
         np.testing.assert_array_equal(one[name], column)
 
 
+EVERYTHING = Vocabulary(tuple(GRASP_TYPES), tuple(CATALOGUE.values()))
+
+
 def test_quantities_are_shared_when_their_columns_are() -> None:
     rng = np.random.default_rng(0)
     code: ObjectCode
@@ -429,7 +433,7 @@ def test_quantities_are_shared_when_their_columns_are() -> None:
         names = [rng.choice(list(GRASP_TYPES)[: len(types)], n), rng.choice(list(CATALOGUE)[: len(labels)], n)]
         tasks = Tasks.of(map(Task.of, *names, rng.choice(list(axes), n)))
         request = Request(tasks, tasks.side_m - 0.005, tasks.side_m + 0.01)
-        columns = encode_request(request, code)
+        columns = encode_request(request, EVERYTHING, code)
         assert shared_quantities(request) == {name for name, value in columns.items() if (value == value[0]).all()}
         stage = FACTORIZATIONS["model3"].stages[0]
         given_here = condition(stage, columns, shared_quantities(request))
@@ -629,7 +633,7 @@ def test_another_size_is_refused_with_the_nearest_of_the_nine(size: str, nearest
     with pytest.raises(InputError) as caught:
         GraspSampler.pretrained().sample("tripod", size)
     said = str(caught.value)
-    assert f"knows nine objects by name and not {size}; the nearest of these is {nearest}" in said
+    assert f"knows 9 objects by name and not {size}; the nearest of these is {nearest}" in said
     assert "screened" in said
     assert len(said.splitlines()) == 1
 
@@ -658,10 +662,57 @@ def test_a_site_that_is_no_side_is_refused_in_one_line(any_size: FittedCascade, 
         assert len(said.splitlines()) == 1
 
 
-def test_objects_that_a_factorization_cannot_tell_apart_are_not_learned() -> None:
-    dataset = pretend_all_held(drawn_candidates(120, objects=[as_object("sphere:33mm")]))
-    with pytest.raises(InputError, match=r"this model knows nine objects by name and not sphere:33mm; .* sphere_small"):
-        fit_cascade(HAND, dataset, FACTORIZATIONS["model3"], TINY, workers=1)
+@pytest.fixture(scope="module")
+def two_balls() -> GraspSampler:
+    """Teach a model two objects by names that the catalogue lacks."""
+    dataset = pretend_all_held(drawn_candidates(150, objects=[as_object("sphere:33mm"), as_object("sphere:41mm")]))
+    return fit_cascade(HAND, dataset, FACTORIZATIONS["model3"], TINY, workers=1).sampler
+
+
+def test_a_model_knows_the_objects_that_it_was_taught(two_balls: GraspSampler) -> None:
+    assert {obj.name for obj in two_balls.vocabulary.objects} == {"sphere:33mm", "sphere:41mm"}
+    assert two_balls.sample("tripod", "sphere:41mm", n=3).object_name.tolist() == ["sphere:41mm"] * 3
+    with pytest.raises(
+        InputError, match="knows 2 objects by name and not sphere_small; the nearest of these is sphere:33mm"
+    ):
+        two_balls.sample("tripod", "sphere_small")
+
+
+def test_a_stored_model_does_not_depend_on_what_else_there_is(
+    two_balls: GraspSampler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    two_balls.save(tmp_path)
+    before = two_balls.sample("tip_pinch", "sphere:33mm", n=4)
+    newer = dataclasses.replace(GRASP_TYPES["tripod"], name="a_newer_type")
+    monkeypatch.setitem(GRASP_TYPES, "a_newer_type", newer)  # type: ignore[arg-type]
+    monkeypatch.setitem(CATALOGUE, "a_newer_object", as_object("box:20x20x20mm"))  # type: ignore[arg-type]
+    loaded = GraspSampler.load(tmp_path)
+    for name, column in before.columns().items():
+        np.testing.assert_array_equal(loaded.sample("tip_pinch", "sphere:33mm", n=4).columns()[name], column)
+    assert newer not in loaded.grasp_types
+    assert newer not in Heuristic.pretrained().grasp_types
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"grasp_types": ["tripod"]},
+        {"grasp_types": ["tripod", "tripod"]},
+        {"objects": {}},
+        {"objects": [3]},
+        {"shapes": 4},
+    ],
+)
+def test_a_doctored_vocabulary_is_refused_in_one_line(
+    two_balls: GraspSampler, tmp_path: Path, change: dict[str, Any]
+) -> None:
+    two_balls.save(tmp_path)
+    stored = load_decoders(tmp_path / "cascade.safetensors")
+    doctored = {**stored.metadata, "vocabulary": stored.metadata["vocabulary"] | change}
+    save_decoders(tmp_path / "cascade.safetensors", stored.decoders, doctored)
+    with pytest.raises(FileFormatError) as caught:
+        GraspSampler.load(tmp_path)
+    assert len(str(caught.value).splitlines()) == 1
 
 
 @pytest.fixture(scope="module")

@@ -502,7 +502,7 @@ def test_a_screened_heuristic_is_evaluated_on_objects_of_ones_own(
 
 def test_refused_cells_do_not_bind_the_folder(tmp_path: Path, no_physics: list[int]) -> None:
     asked: dict[str, Any] = {"per_cell": 2, "seed": 0, "out": tmp_path}
-    with pytest.raises(InputError, match="knows nine objects by name and not box:32x41x60mm"):
+    with pytest.raises(InputError, match="knows 9 objects by name and not box:32x41x60mm"):
         evaluate(GraspSampler.pretrained(), **asked, cells=OWN_CELLS)
     assert not list(tmp_path.iterdir())
     evaluate(GraspSampler.pretrained(), **asked, cells=TWO_CELLS)

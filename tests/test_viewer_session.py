@@ -76,7 +76,7 @@ def test_a_heuristic_samples_objects_of_any_size(hand: Hand, prior: PosturePrior
         ({"object": "cylinder_large", "side_axis": "z"}, "beyond the hand's reach"),
         ({"object": "box_small", "side_axis": ""}, "unknown side axis ''"),
         ({"object": "sphere:90mm"}, "no side of sphere:90mm is within the hand's reach of 6.5 cm"),
-        ({"object": "sphere:41mm"}, "knows nine objects"),
+        ({"object": "sphere:41mm"}, "knows 9 objects"),
     ],
 )
 def test_bad_requests_are_refused_in_words(

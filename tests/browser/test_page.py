@@ -160,7 +160,7 @@ def test_an_object_of_ones_own_size_is_typed(browser: Browser, address: str) -> 
     browser.wait_text(".gc-message", "4 grasps sampled")
     browser.type("size", "sphere:41mm")
     browser.press("Sample")
-    browser.wait_text(".gc-message[data-kind=error]", "knows nine objects")
+    browser.wait_text(".gc-message[data-kind=error]", "knows 9 objects")
 
 
 def test_two_browsers_at_once_do_not_disturb_each_other(

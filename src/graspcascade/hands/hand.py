@@ -326,7 +326,6 @@ class Hand:
         return {name: np.array(getattr(self, name)).tolist() for name in lists} | {
             "name": self.name,
             "hand_body": self.body,
-            "coupled": {c.name: list(c.joints) for c in self.couplings if c.kind == "tendon"},
             "couplings": [[c.name, c.kind, list(c.joints), list(c.coefficients)] for c in self.couplings],
             "digit_roots": {name: digit.root for name, digit in self.digits.items()},
             "places": {name: [p.body, list(p.point_m), list(p.normal)] for name, p in self.places.items()},
@@ -342,15 +341,14 @@ class Hand:
     def from_json(cls, data: Mapping[str, Any]) -> Hand:
         """Rebuild a hand from `to_json()`, without MJCF and actuators; a FileFormatError names what is malformed."""
         try:
-            halves = [[name, "tendon", joints, [1.0] * len(joints)] for name, joints in data["coupled"].items()]
-            couplings, tips = data.get("couplings", halves), data["tips"]
+            couplings, tips = data["couplings"], data["tips"]
             names: Any = {key: tuple(data[key]) for key in ("wrist_joints", "joint_names", "palm_bodies")}
             return cls(
                 name=data["name"],
                 mjcf=None,
                 prefix="",
                 body=data["hand_body"],
-                X_body_hand=Pose.of(*data.get("X_body_hand", [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])),
+                X_body_hand=Pose.of(*data["X_body_hand"]),
                 X_base_hand=Pose.of(*data["X_forearm_hand"]),
                 lower_rad=np.array(data["lower_rad"], dtype=np.float64),
                 upper_rad=np.array(data["upper_rad"], dtype=np.float64),
@@ -361,7 +359,7 @@ class Hand:
                 places={k: ContactPlace(p[0], tuple(p[1]), tuple(p[2])) for k, p in data["places"].items()},
                 surface_points={},
                 pregrasp_rad=dict(data["pregrasp_rad"]),
-                reach_m=float(data.get("reach_m", 0.065)),
+                reach_m=float(data["reach_m"]),
                 **names,
             )
         except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import FileFormatError, InputError
-from ..core.taxonomy import GRASP_TYPES, as_type
+from ..core.taxonomy import as_type
 from ..hands.hand import Hand
 from ..nets import NumpyDecoder, load_decoders, save_decoders
 
@@ -27,6 +28,7 @@ class PosturePrior:
 
     Attributes:
         joint_names: names of the posture's columns.
+        grasp_types: names of the types that it was trained on, in the order of its inputs.
         decoder: the trained decoder.
         metadata: what it was trained on and how.
 
@@ -40,6 +42,7 @@ class PosturePrior:
     """
 
     joint_names: tuple[str, ...]
+    grasp_types: tuple[str, ...]
     decoder: NumpyDecoder
     metadata: dict[str, Any]
 
@@ -47,23 +50,13 @@ class PosturePrior:
         """Word the prior in one line."""
         return f"<PosturePrior of {len(self.joint_names)} joints>"
 
-    @property
-    def grasp_types(self) -> tuple[str, ...]:
-        """Names of the types that it was trained on; files of earlier versions do not say and count as of all."""
-        return tuple(self.metadata.get("grasp_types", GRASP_TYPES))
-
     def sample(self, grasp_types: ArrayLike, rng: np.random.Generator) -> NDArray[np.float64]:
         """Draw one posture ``(n, J)`` in radians for each type name, not clipped to limits.
 
         Raises:
             InputError: an unknown type, or one that the prior was not trained on.
         """
-        codes = type_codes(grasp_types)
-        seen = np.isin(list(GRASP_TYPES), self.grasp_types)
-        if codes[:, ~seen].any():
-            foreign = ", ".join(np.array(list(GRASP_TYPES))[codes.any(axis=0) & ~seen])
-            raise InputError(f"the prior has seen no postures of {foreign}; it knows {', '.join(self.grasp_types)}")
-        return self.decoder.sample(codes, rng)
+        return self.decoder.sample(type_codes(grasp_types, self.grasp_types), rng)
 
     def columns_of(self, hand: Hand) -> NDArray[np.intp]:
         """Locate a hand's joints ``(J,)`` among the columns of this prior's postures.
@@ -89,7 +82,8 @@ class PosturePrior:
 
     def save(self, path: Path) -> None:
         """Write the prior, its metadata inside, to one safetensors file."""
-        save_decoders(path, {_DECODER: self.decoder}, {"joint_names": list(self.joint_names), **self.metadata})
+        names = {"joint_names": list(self.joint_names), "grasp_types": list(self.grasp_types)}
+        save_decoders(path, {_DECODER: self.decoder}, names | self.metadata)
 
     @classmethod
     def load(cls, path: Path | str) -> PosturePrior:
@@ -105,17 +99,20 @@ class PosturePrior:
         metadata = dict(stored.metadata)
         decoder = stored.decoders[_DECODER]
         try:
-            names = msgspec.convert(metadata.pop("joint_names", None), tuple[str, ...])
-            for name in msgspec.convert(metadata.get("grasp_types", []), list[str]):
+            names, kinds = (
+                msgspec.convert(metadata.pop(key, None), tuple[str, ...]) for key in ("joint_names", "grasp_types")
+            )
+            for name in kinds:
                 as_type(name)
         except (InputError, msgspec.ValidationError) as error:
             raise FileFormatError(f"{path} does not name joints and types as a posture prior does: {error}") from error
         widths = (decoder.spec.target_dim, decoder.spec.condition_dim)
-        if widths != (len(set(names)), len(GRASP_TYPES)) or len(set(names)) < len(names):
+        if widths != (len(names), len(kinds)) or len(set(names + kinds)) < len(names + kinds):
             raise FileFormatError(
-                f"{path} names {len(names)} joints, but has weights for {widths[0]} and {widths[1]} types"
+                f"{path} names {len(names)} joints and {len(kinds)} types, but has weights for {widths[0]} and "
+                f"{widths[1]}, or names one twice"
             )
-        return cls(names, decoder, metadata)
+        return cls(names, kinds, decoder, metadata)
 
     @classmethod
     def pretrained(cls) -> PosturePrior:
@@ -123,8 +120,9 @@ class PosturePrior:
         return cls.load(str(files("graspcascade.proposals") / "prior.safetensors"))
 
 
-def type_codes(grasp_types: ArrayLike) -> NDArray[np.float32]:
-    """Encode type names ``(n,)`` as one-hot rows ``(n, 6)``."""
-    names = np.asarray(grasp_types, dtype=str)
-    order = list(GRASP_TYPES)
-    return np.eye(len(order), dtype=np.float32)[[order.index(as_type(str(name)).name) for name in names]]
+def type_codes(grasp_types: ArrayLike, known: Sequence[str]) -> NDArray[np.float32]:
+    """Encode type names ``(n,)`` as one-hot rows ``(n, K)`` in the order of K known ones; others are an InputError."""
+    names = [as_type(str(name)).name for name in np.asarray(grasp_types, dtype=str)]
+    if foreign := [name for name in dict.fromkeys(names) if name not in known]:
+        raise InputError(f"the prior has seen no postures of {', '.join(foreign)}; it knows {', '.join(known)}")
+    return np.eye(len(known), dtype=np.float32)[[known.index(name) for name in names]]

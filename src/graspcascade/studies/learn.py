@@ -23,7 +23,8 @@ from ..hands import Hand
 from ..nets import EpochRecord, HeadSpec, NumpyDecoder, TrainingSpec, VaeSpec
 from ..proposals.cascade.encoding import (
     Request,
-    check_known,
+    Vocabulary,
+    check_side,
     condition_matrix,
     encode_posture,
     encode_request,
@@ -89,13 +90,13 @@ def fit_prior(
     from ..nets.training import fit
 
     heads = (HeadSpec("gaussian", len(hand.joint_names), weight=4.0),)
-    spec = VaeSpec(condition_dim=len(GRASP_TYPES), heads=heads, latent_dim=10, hidden=(128, 128), kl_weight=0.5)
-    postures = hand.executed(seeds.posture)
+    kinds = tuple(name for name in GRASP_TYPES if name in seeds.grasp_type)
+    spec = VaeSpec(condition_dim=len(kinds), heads=heads, latent_dim=10, hidden=(128, 128), kl_weight=0.5)
+    postures, codes = hand.executed(seeds.posture), type_codes(seeds.grasp_type, kinds)
     metric = contact_metric(hand, postures, seeds.grasp_type)
-    fitted = fit(spec, training, postures.astype(np.float32), type_codes(seeds.grasp_type), metric, progress)
+    fitted = fit(spec, training, postures.astype(np.float32), codes, metric, progress)
     about = {"kind": "posture prior", "hand": hand.name, "n_postures": len(seeds), "training": asdict(training)}
-    about["grasp_types"] = [name for name in GRASP_TYPES if name in seeds.grasp_type]
-    return PosturePrior(hand.joint_names, NumpyDecoder.from_fitted(fitted), about)
+    return PosturePrior(hand.joint_names, kinds, NumpyDecoder.from_fitted(fitted), about)
 
 
 def contact_metric(hand: Hand, postures: Array, grasp_types: NDArray[np.str_]) -> NDArray[np.float32]:
@@ -187,24 +188,26 @@ class TrainingData:
     quantities: dict[Any, Array]
     metric: Callable[[], NDArray[np.float32]]
     sizes: SizeRule
+    vocabulary: Vocabulary
 
 
 def prepare(hand: Hand, dataset: Dataset, factorization: Factorization, config: CascadeTraining) -> TrainingData:
     """Encode the successes of a dataset for training.
 
     Raises:
-        InputError: fewer than 100 successes, or a task that the factorization cannot learn (see `check_known`).
+        InputError: fewer than 100 successes, or an object held by what is none of its sides.
     """
     for task in dataset.grasps.tasks.distinct:
-        check_known(task, factorization.object_code)
+        check_side(task)
     held = dataset.outcomes.held
     rows = dataset.outcomes.faithful(dataset.grasps) if config.learn_from == "faithful" else held
     if rows.sum() < 100:
         raise InputError(f"only {int(rows.sum())} {config.learn_from} grasps to learn from; at least 100 are needed")
-    sizes = SizeRule.measure(_request(dataset.grasps, dataset.outcomes), rows, held)
+    vocabulary = Vocabulary.of(dataset.grasps.tasks[rows])
+    sizes = SizeRule.measure(_request(dataset.grasps, dataset.outcomes, vocabulary), rows, held)
     places = repeat_rare(dataset.grasps, np.flatnonzero(rows), config.most_repeats, config.training.seed)
     grasps, outcomes = dataset.grasps[places], dataset.outcomes[places]
-    request = _request(grasps, outcomes)
+    request = _request(grasps, outcomes, vocabulary)
     pose = grasps.X_hand_object if config.object_pose == "placed" else outcomes.X_hand_object_settled
     thumb, other = opposition_points(hand, grasps.posture, grasps.tasks)
     in_frame = learning_frame(thumb, other, factorization.frame).inverse() @ pose
@@ -213,11 +216,11 @@ def prepare(hand: Hand, dataset: Dataset, factorization: Factorization, config: 
         rotation = fold_rotations(rotation, grasps.tasks, factorization.frame)
     # The object size that will be asked for is the cell's median, so training sees that and not each grasp's own.
     _, aimed = sizes.apply(request, "median", np.random.default_rng(0))
-    asked = encode_request(replace(request, object_size_m=aimed), factorization.object_code)
+    asked = encode_request(replace(request, object_size_m=aimed), vocabulary, factorization.object_code)
     generated = {"posture": encode_posture(grasps.posture, thumb, other), "position": in_frame.position_m}
     targets: dict[Target, Array] = {"posture": grasps.posture, "position": in_frame.position_m, "rotation": rotation}
     metric = partial(contact_metric, hand, grasps.posture, grasps.grasp_type)
-    return TrainingData(int(rows.sum()), request, targets, {**asked, **generated}, metric, sizes)
+    return TrainingData(int(rows.sum()), request, targets, {**asked, **generated}, metric, sizes, vocabulary)
 
 
 def repeat_rare(grasps: Grasps, places: NDArray[np.intp], most: int, seed: int) -> NDArray[np.intp]:
@@ -244,8 +247,8 @@ def repeat_rare(grasps: Grasps, places: NDArray[np.intp], most: int, seed: int) 
     return np.sort(np.concatenate(chosen))
 
 
-def _request(grasps: Grasps, outcomes: Outcomes) -> Request:
-    return Request(grasps.tasks, grasps.grasp_size_m, outcomes.object_size_m)
+def _request(grasps: Grasps, outcomes: Outcomes, vocabulary: Vocabulary) -> Request:
+    return Request(vocabulary.renamed(grasps.tasks), grasps.grasp_size_m, outcomes.object_size_m)
 
 
 # Its training
@@ -333,7 +336,7 @@ def fit_cascade(
         "versions": versions() | {"torch": version("torch")},
         "final_loss": {name: round(stage.history[-1].train_loss, 4) for name, stage in fitted.items()},
     }
-    sampler = GraspSampler(factorization.name, hand, factorization, decoders, data.sizes, metadata)
+    sampler = GraspSampler(factorization.name, hand, factorization, data.vocabulary, decoders, data.sizes, metadata)
     return FittedCascade(sampler, {name: stage.history for name, stage in fitted.items()})
 
 

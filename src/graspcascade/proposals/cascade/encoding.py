@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
-from typing import get_args
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.objects import AXES, CATALOGUE, SHAPES, GraspObject
+from ...core.objects import AXES, SHAPES, GraspObject
 from ...core.poses import Pose, matrix_to_quat, quat_multiply
 from ...core.tasks import Task, Tasks
-from ...core.taxonomy import GRASP_TYPES
+from ...core.taxonomy import GRASP_TYPES, as_type
 from ...nets import HeadSpec, VaeSpec
 from .stages import Frame, ObjectCode, Quantity, Stage, Target
 
 Array = NDArray[np.float64]
-_TYPES, _OBJECTS, _KINDS = list(GRASP_TYPES), list(CATALOGUE), list(SHAPES)
 _POSTURE_HEAD_WEIGHT = 4.0
 
 
@@ -32,31 +31,91 @@ class Request:
     object_size_m: Array
 
 
-def known_object(obj: GraspObject) -> GraspObject | None:
-    """Look up the catalogue object of the same shape, None where there is none."""
-    return next((other for other in CATALOGUE.values() if other.shape == obj.shape), None)
+@dataclass(frozen=True)
+class Vocabulary:
+    """Name what a model was taught to tell apart; the order is that of its inputs.
 
-
-def check_known(task: Task, code: ObjectCode) -> None:
-    """Check that a model can learn or be asked for a task.
+    Attributes:
+        grasp_types: names of the types.
+        objects: the objects that it knows by name, each of another shape.
+        shapes: kinds of shapes.
 
     Raises:
-        InputError: the site is no side of the object, or the model knows objects by name and not this one; the message
-            names the sides, or the nearest object.
+        InputError: an unknown name, or one that comes twice.
     """
+
+    grasp_types: tuple[str, ...]
+    objects: tuple[GraspObject, ...]
+    shapes: tuple[str, ...] = tuple(SHAPES)
+
+    def __post_init__(self) -> None:
+        for names in (self.grasp_types, tuple(obj.name for obj in self.objects), self.shapes):
+            if len(set(names)) < len(names) or not names:
+                raise InputError(f"a vocabulary needs names, each of them once, got {', '.join(names) or 'none'}")
+        for name in self.grasp_types:
+            as_type(name)
+
+    @classmethod
+    def of(cls, tasks: Tasks) -> Vocabulary:
+        """Collect what tasks ask for; of objects of the same shape the first lends its name."""
+        asked = {task.grasp_type.name for task in tasks.distinct}
+        by_shape = {task.object.shape: task.object for task in reversed(tasks.distinct)}
+        objects = dict.fromkeys(by_shape[task.object.shape] for task in tasks.distinct)
+        return cls(tuple(name for name in GRASP_TYPES if name in asked), tuple(objects))
+
+    def known(self, obj: GraspObject) -> GraspObject | None:
+        """Look up the known object of the same shape, None where there is none."""
+        return next((other for other in self.objects if other.shape == obj.shape), None)
+
+    def renamed(self, tasks: Tasks) -> Tasks:
+        """Replace objects by the known ones of the same shape."""
+        table = (replace(task, object=self.known(task.object) or task.object) for task in tasks.distinct)
+        return Tasks(tuple(table), np.searchsorted(tasks.used, tasks.row))
+
+    def check(self, task: Task, code: ObjectCode) -> None:
+        """Check that the model can be asked for a task.
+
+        Raises:
+            InputError: a type that it has not seen, a site that is no side, or an object that it does not know though
+                it tells objects by name; the message names the types, or the nearest object.
+        """
+        check_side(task)
+        obj = task.object
+        if task.grasp_type.name not in self.grasp_types:
+            known = ", ".join(self.grasp_types)
+            raise InputError(f"this model has seen no grasps of type {task.grasp_type.name!r}; it knows {known}")
+        if code == "label" and self.known(obj) is None:
+            size = np.array(obj.extents_m)
+            alike = [other for other in self.objects if other.shape.kind == obj.shape.kind] or self.objects
+            nearest = min(alike, key=lambda other: float(np.abs(np.array(other.extents_m) - size).sum()))
+            raise InputError(
+                f"this model knows {len(self.objects)} objects by name and not {obj.name}; the nearest of these is "
+                f"{nearest.name}. The heuristic takes any size (--model heuristic, or screened), and so does "
+                "a model3_any_size once trained."
+            )
+
+    def to_json(self) -> dict[str, Any]:
+        """Describe the vocabulary as plain data."""
+        return {
+            "grasp_types": list(self.grasp_types),
+            "objects": {obj.name: obj.to_json() for obj in self.objects},
+            "shapes": list(self.shapes),
+        }
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Vocabulary:
+        """Rebuild a vocabulary from `to_json()`; KeyError, TypeError or InputError where it is malformed."""
+        objects = tuple(GraspObject.from_json(name, about) for name, about in dict(data["objects"]).items())
+        return cls(tuple(map(str, data["grasp_types"])), objects, tuple(map(str, data["shapes"])))
+
+
+def check_side(task: Task) -> None:
+    """Check that a task is one a cascade can learn: a site that is no side of the object is an InputError."""
     obj, site = task.object, task.site
     if not math.isclose(obj.sides_m.get(site.name, math.nan), site.width_m, rel_tol=1e-6):
         raise InputError(
             f"this model holds objects by their sides, not by {site.name}, {site.width_m * 100:g} cm wide; sides "
             f"of {obj.name}: {obj.describe_sides()}. The heuristic takes any site (--model heuristic, or screened)."
-        )
-    if code == "label" and known_object(obj) is None:
-        shape, size = obj.shape, np.array(obj.extents_m)
-        alike = [other for other in CATALOGUE.values() if other.shape.kind == shape.kind]
-        nearest = min(alike, key=lambda other: float(np.abs(np.array(other.extents_m) - size).sum()))
-        raise InputError(
-            f"this model knows nine objects by name and not {obj.name}; the nearest of these is {nearest.name}. "
-            "The heuristic takes any size (--model heuristic, or screened), and so does a model3_any_size once trained."
         )
 
 
@@ -76,34 +135,39 @@ def shared_quantities(request: Request) -> set[Quantity]:
     return {name for name in get_args(Quantity) if same.get(name, False)}
 
 
-def encode_request(request: Request, code: ObjectCode) -> dict[Quantity, Array]:
+def encode_request(request: Request, vocabulary: Vocabulary, code: ObjectCode) -> dict[Quantity, Array]:
     """Encode what is asked for as columns by quantity.
 
     The object size comes with the true side and its axis, without which a size is ambiguous between sides.
 
     Args:
-        request: what is asked for.
-        code: how objects are told apart: by "label", one of the catalogue's nine, or by "shape", kind and extents.
+        request: what is asked for, all of it known (see `Vocabulary.check`).
+        vocabulary: the names that the model knows.
+        code: how objects are told apart: by "label", one of the known objects, or by "shape", kind and extents.
     """
     tasks, n = request.tasks, len(request.tasks)
-    width = len(_OBJECTS) if code == "label" else len(_KINDS) + 3
+    known, shapes = [obj.shape for obj in vocabulary.objects], vocabulary.shapes
+    width = len(known) if code == "label" else len(shapes) + 3
+
+    def object_code(task: Task) -> Array:
+        shape = task.object.shape
+        if code == "label":
+            return _one_hot(shape, known)
+        return np.concatenate([_one_hot(shape.kind, shapes), shape.extents_m])
+
     # Reshaping gives no tasks at all the right number of columns too.
-    types = tasks.column(lambda task: np.eye(len(_TYPES))[_TYPES.index(task.grasp_type.name)]).reshape(n, len(_TYPES))
+    types = tasks.column(lambda task: _one_hot(task.grasp_type.name, vocabulary.grasp_types))
     axes = tasks.column(lambda task: np.eye(3)[AXES.index(task.site.name)]).reshape(n, 3)
     return {
-        "grasp_type": types,
-        "object_type": tasks.column(lambda task: _object_code(task.object, code)).reshape(n, width),
+        "grasp_type": types.reshape(n, len(vocabulary.grasp_types)),
+        "object_type": tasks.column(object_code).reshape(n, width),
         "grasp_size": request.grasp_size_m[:, None],
         "object_size": np.concatenate([request.object_size_m[:, None], tasks.side_m[:, None], axes], axis=1),
     }
 
 
-def _object_code(obj: GraspObject, code: ObjectCode) -> Array:
-    if code == "shape":
-        return np.concatenate([np.eye(len(_KINDS))[_KINDS.index(obj.shape.kind)], obj.extents_m])
-    known = known_object(obj)
-    assert known is not None, "check_known was not called"
-    return np.asarray(np.eye(len(_OBJECTS))[_OBJECTS.index(known.name)])
+def _one_hot(value: object, known: Sequence[object]) -> Array:
+    return np.asarray(np.eye(len(known))[known.index(value)])
 
 
 def encode_posture(postures: Array, thumb: Array, other: Array) -> Array:

@@ -25,17 +25,16 @@ from ...nets import NumpyDecoder, load_decoders, save_decoders
 from .. import Proposal, as_proposed, check_reach
 from .encoding import (
     Request,
-    check_known,
+    Vocabulary,
     condition,
     encode_posture,
     encode_request,
     in_hand,
-    known_object,
     shared_quantities,
     split_targets,
 )
 from .sizes import SizeMode, SizeRule
-from .stages import Factorization, Quantity, Target
+from .stages import Factorization, Target
 
 Array = NDArray[np.float64]
 
@@ -52,6 +51,7 @@ class GraspSampler(Proposal):
         name: the factorization's name.
         hand: geometry of the hand it was trained for.
         factorization: its stages.
+        vocabulary: the types and objects that it was taught.
         metadata: what it was trained on and how.
         size_mode: how sizes are chosen from `sizes`.
         measured: trials of its evaluation by "type/object": ``{"held", "n", "protocol"}``; empty before there is one.
@@ -71,6 +71,7 @@ class GraspSampler(Proposal):
     name: str
     hand: Hand
     factorization: Factorization
+    vocabulary: Vocabulary
     decoders: Mapping[str, NumpyDecoder]
     sizes: SizeRule
     metadata: dict[str, Any]
@@ -112,6 +113,7 @@ class GraspSampler(Proposal):
             raise FileFormatError(f"{path} holds no grasp cascade")
         try:
             factorization = msgspec.convert(about["factorization"], Factorization)
+            vocabulary = Vocabulary.from_json(about["vocabulary"])
             sizes = msgspec.convert(about["sizes"], SizeRule)
             hand = Hand.from_json(about["hand"])
             training = msgspec.convert(about["training"], dict[str, Any])
@@ -122,7 +124,7 @@ class GraspSampler(Proposal):
             raise FileFormatError(f"{path} cannot be read: {error}") from error
         if missing:
             raise FileFormatError(f"{path} lacks the weights of stage {', '.join(missing)}")
-        sampler = cls(factorization.name, hand, factorization, stored.decoders, sizes, training)
+        sampler = cls(factorization.name, hand, factorization, vocabulary, stored.decoders, sizes, training)
         sampler._check_parts(path)
         return replace(sampler, measured=_measured(path.with_name(EVALUATION_FILE), sampler))
 
@@ -130,8 +132,9 @@ class GraspSampler(Proposal):
         """Check that stages, weights and hand fit together, by a draw of every type: a file can be edited."""
         hand = self.hand
         anything = replace(self, hand=replace(hand, reach_m=np.inf), size_mode="paper")
-        tasks = Tasks.of(Task.of(kind, "box_small", "x") for kind in hand.grasp_types)
         try:
+            obj = self.vocabulary.objects[0]
+            tasks = Tasks.of(Task.of(kind, obj, next(iter(obj.sides_m))) for kind in self.grasp_types)
             # Limits that are no numbers compare as false.
             if len(set(hand.joint_names)) < len(hand.joint_names) or not np.all(hand.lower_rad <= hand.upper_rad):
                 raise InputError("the hand's joints need names of their own and a lower and an upper limit each")
@@ -151,14 +154,14 @@ class GraspSampler(Proposal):
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         learned = {"factorization": asdict(self.factorization), "sizes": asdict(self.sizes)}
+        learned["vocabulary"] = self.vocabulary.to_json()
         about = {"kind": _KIND, **learned, "hand": self.hand.to_json(), "training": self.metadata}
         save_decoders(folder / WEIGHTS_FILE, self.decoders, about)
 
     @property
     def grasp_types(self) -> tuple[GraspType, ...]:
         """Grasp types that the hand can make and that were seen in training."""
-        seen = self.sizes.best_offset_m
-        return tuple(kind for kind in self.hand.grasp_types if kind.name in seen or self.size_mode == "paper")
+        return tuple(kind for kind in self.hand.grasp_types if kind.name in self.vocabulary.grasp_types)
 
     def fingerprint(self) -> str:
         """Compute a short digest of the weights."""
@@ -178,7 +181,7 @@ class GraspSampler(Proposal):
 
     def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
         """Say for a file where grasps come from, and what was measured of the type and object (`Proposal.origin`)."""
-        cell = f"{kind.name}/{(known_object(obj) or obj).name}"
+        cell = f"{kind.name}/{(self.vocabulary.known(obj) or obj).name}"
         measured = {cell: dict(self.measured[cell])} if cell in self.measured else {}
         return super().origin(kind, obj) | {"measured": measured}
 
@@ -186,16 +189,14 @@ class GraspSampler(Proposal):
         """Draw one grasp for each task; the same generator state gives the same grasps.
 
         Raises:
-            InputError: a side beyond the hand's reach, a site that is no side, an object that the model does not know
-                or, unless sizes are the paper's, a type that was never seen in training.
+            InputError: a side beyond the hand's reach, or what the model does not know (`Vocabulary.check`).
         """
         check_reach(self.hand, tasks)
         for task in tasks.distinct:
-            check_known(task, self.factorization.object_code)
-        blank = np.full(len(tasks), np.nan)
-        sizes = self.sizes.apply(Request(tasks, blank, blank), self.size_mode, rng)
-        request = Request(tasks, *sizes)
-        quantities: dict[Quantity, Array] = dict(encode_request(request, self.factorization.object_code))
+            self.vocabulary.check(task, self.factorization.object_code)
+        blank, known = np.full(len(tasks), np.nan), self.vocabulary.renamed(tasks)
+        request = Request(known, *self.sizes.apply(Request(known, blank, blank), self.size_mode, rng))
+        quantities = encode_request(request, self.vocabulary, self.factorization.object_code)
         shared = shared_quantities(request)
         values: dict[Target, Array] = {}
         kinds = list(dict.fromkeys(task.grasp_type for task in tasks.table))

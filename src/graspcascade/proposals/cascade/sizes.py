@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError, check_name
 from ...core.intervals import wilson_bounds
 from ...core.tasks import Task
-from .encoding import Request, known_object
+from .encoding import Request
 
 Array = NDArray[np.float64]
 SizeMode = Literal["best", "median", "drawn", "paper"]
@@ -98,7 +98,7 @@ class SizeRule:
             rng: source of the draws; used in every mode, so that modes stay comparable.
 
         Raises:
-            InputError: a type was never seen in training, or an unknown mode.
+            InputError: an unknown mode, or a type that the tables lack.
         """
         check_name("size mode", mode, get_args(SizeMode))
         tasks, side_m = request.tasks, request.tasks.side_m
@@ -118,7 +118,7 @@ class SizeRule:
         levels = _levels(task)
         measured = next((level for level in levels if level in self.best_offset_m), None)
         if measured is None:
-            raise InputError(f"this model has seen no grasps of type {levels[-1]!r}")
+            raise InputError(f"there are no sizes of type {levels[-1]!r}")
         return measured
 
 
@@ -134,8 +134,8 @@ def _measured_on(
 
 def _levels(task: Task) -> tuple[str, str, str]:
     """Widen a task: "type/object/axis", "type/object", "type"."""
-    kind, obj = task.grasp_type.name, known_object(task.object) or task.object
-    return f"{kind}/{obj.name}/{task.site.name}", f"{kind}/{obj.name}", kind
+    kind, name = task.grasp_type.name, task.object.name
+    return f"{kind}/{name}/{task.site.name}", f"{kind}/{name}", kind
 
 
 def _best(offset: Array, success: NDArray[np.bool_], low: float, high: float) -> float:
