@@ -24,13 +24,15 @@ from graspcascade.core.protocols import PAPER
 from graspcascade.core.tasks import draw_tasks
 from graspcascade.core.taxonomy import GRASP_TYPES
 from graspcascade.formats import GraspDocument, load_document, load_grasps, save_grasps
-from graspcascade.hands import Hand
+from graspcascade.hands import Hand, load_hand
+from graspcascade.nets import TrainingSpec
 from graspcascade.proposals.cascade.sampler import GraspSampler
 from graspcascade.proposals.heuristic import place
 from graspcascade.proposals.prior import PosturePrior
 from graspcascade.studies.collect import CollectionState
 from graspcascade.studies.dataset import SCHEMA_VERSION, shard_path, to_columns, write_metadata, write_shard
 from graspcascade.studies.executor import run_jobs
+from graspcascade.studies.learn import fit_prior
 from graspcascade.studies.postures import LabelledPostures, export_postures, import_postures
 from graspcascade.studies.rounds import CELLS
 from hand_files import write_hand
@@ -488,7 +490,10 @@ def test_grasps_that_no_draw_helped_are_counted(call: Call) -> None:
 def test_types_that_cannot_be_made_are_left_out_and_named(
     call: Call, prior: PosturePrior, tmp_path: Path, cut_hands: Mapping[int, Hand]
 ) -> None:
-    replace(prior, metadata={"grasp_types": ["tripod", "tip_pinch"]}).save(tmp_path / "two.safetensors")
+    kinds = np.repeat(["tripod", "tip_pinch"], 20)
+    drawn = load_hand("shadow").clip(prior.sample(kinds, np.random.default_rng(0)))
+    postures = LabelledPostures(prior.joint_names, drawn, kinds)
+    fit_prior(load_hand("shadow"), postures, TrainingSpec(epochs=1)).save(tmp_path / "two.safetensors")
     asked = ["--prior", tmp_path / "two.safetensors", "--hand", hand_file(cut_hands[2])]
     said = call("evaluate", "--model", "heuristic", *asked, "--per-cell", 1, "--json")
     assert {cell["grasp_type"] for cell in said.json["cells"]} == {"tip_pinch"}

@@ -10,6 +10,7 @@ import pytest
 from graspcascade.cli import main
 from graspcascade.core.errors import InputError
 from graspcascade.core.grasps import Grasps
+from graspcascade.core.intervals import wilson
 from graspcascade.core.poses import Pose
 from graspcascade.core.protocols import VARIED, Protocol
 from graspcascade.engines import run_trials
@@ -105,11 +106,18 @@ def test_verified_grasps_are_written_with_their_chance(
     report = json.loads(capsys.readouterr().out)
     held = np.array([row["held"] for row in report["grasps"]])
     assert (report["protocol"], report["draws"], report["n"]) == ("varied", 2, 3)
-    assert report["held"] == held.sum() / 6
+    assert report["held"] == wilson(held.sum() / 2, 3).to_json()
     assert held[2] == 0
     document = load_document(out)
     np.testing.assert_array_equal(document.grasps.probability, held[held >= 1] / 2)
-    assert document.metadata["verified"] == {"protocol": "varied", "draws": 2, "seed": 0, "kept_from": 0.5, "of": 3}
+    assert document.metadata["verified"] == {
+        "protocol": "varied",
+        "engine": "mujoco",
+        "draws": 2,
+        "seed": 0,
+        "kept_from": 0.5,
+        "of": 3,
+    }
     assert document.metadata["model"] == "by hand"
 
 
@@ -117,7 +125,7 @@ def test_a_table_of_chances_has_their_intervals(saved: Path, capsys: pytest.Capt
     assert main(["verify", str(saved), "--draws", "2"]) == 0
     said = capsys.readouterr().out
     assert "0% [0%, 66%]" in said
-    assert "protocol varied, 3 grasps tried 2 times each: held" in said
+    assert "protocol varied, 3 grasps tried 2 times each\nheld " in said
 
 
 @pytest.mark.parametrize(
@@ -145,7 +153,7 @@ def test_a_trial_writes_the_grasps_that_held(saved: Path, tmp_path: Path, capsys
     assert any(held)
     kept = load_document(tmp_path / "held.json")
     np.testing.assert_array_equal(kept.grasps.posture, load_document(saved).grasps.posture[held])
-    assert kept.metadata["held"] == {"protocol": "hold", "seed": 0, "of": 3}
+    assert kept.metadata["held"] == {"protocol": "hold", "engine": "mujoco", "seed": 0, "of": 3}
 
 
 def test_no_file_is_written_where_no_grasp_held(

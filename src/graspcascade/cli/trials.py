@@ -61,12 +61,14 @@ class Trial:
         conditions = protocol.conditions(len(grasps), self.seed)
         with console.bar("trials", len(grasps)) as progress:
             outcomes = engine.run(hand, grasps, protocol, conditions, progress=progress.advance)
-        report = console.plain(_report(grasps, outcomes, protocol.name, document.metadata.get("model")))
+        tried = {"protocol": protocol.name, "engine": engine.name, "model": document.metadata.get("model")}
+        report = console.plain(tried | _report(grasps, outcomes))
         if self.out is not None:
             write_json(self.out, report, allow_nan=False)
         console.print_json(report) if self.json else _print_report(report)
         if self.held_out is not None:
-            metadata = document.metadata | {"held": {"protocol": protocol.name, "seed": self.seed, "of": len(grasps)}}
+            about = {"protocol": protocol.name, "engine": engine.name, "seed": self.seed, "of": len(grasps)}
+            metadata = document.metadata | {"held": about}
             _keep(self.held_out, document, outcomes.held, grasps, metadata, "trial")
 
 
@@ -136,9 +138,11 @@ class Verify:
                 workers=self.workers,
                 progress=progress.advance,
             )
-        about: dict[str, Any] = {"protocol": verified.protocol, "draws": self.draws, "seed": self.seed}
+        about: dict[str, Any] = {"protocol": verified.protocol, "engine": verified.engine}
+        about |= {"draws": self.draws, "seed": self.seed}
         grasps, tried = verified.grasps, {name: getattr(verified, name) for name in ("held", "faithful", "steady")}
-        rates = {name: float(flags.mean()) for name, flags in tried.items()}
+        # The draws of one grasp are not independent, so that a rate counts grasps.
+        rates = {name: wilson(float(flags.mean(axis=1).sum()), n).to_json() for name, flags in tried.items()}
         if self.json:
             columns = {"grasp_type": grasps.grasp_type, "object": grasps.object_name}
             columns |= {name: flags.sum(axis=1) for name, flags in tried.items()}
@@ -147,8 +151,9 @@ class Verify:
             console.print_json({**about, "n": n, **rates, "grasps": named})
         else:
             self._print(grasps, verified.held.sum(axis=1).tolist())
-            shares = ", ".join(f"{name} {rate:.1%}" for name, rate in rates.items())
-            print(f"protocol {verified.protocol}, {n} grasps tried {self.draws} times each: {shares}")
+            print(f"protocol {verified.protocol}, {n} grasps tried {self.draws} times each")
+            for name, rate in rates.items():
+                print(f"{name} {console.interval(rate)}")
         if self.out is not None:
             kept = np.full(n, True) if self.keep is None else grasps.probability >= self.keep
             about |= {} if self.keep is None else {"kept_from": self.keep, "of": n}
@@ -163,7 +168,7 @@ class Verify:
         console.print_table(["#", "type", "object", "side", "held", "chance"], rows, left=(0, 1, 2, 3))
 
 
-def _report(grasps: Grasps, outcomes: Outcomes, protocol_name: str, model: object) -> dict[str, Any]:
+def _report(grasps: Grasps, outcomes: Outcomes) -> dict[str, Any]:
     held, faithful, places = outcomes.held, outcomes.faithful(grasps), np.array(outcomes.touch_columns)
     columns: dict[str, Any] = {"grasp_type": grasps.grasp_type, "object": grasps.object_name}
     columns |= {"side_axis": grasps.side_axis, "verdict": outcomes.verdict, "held": held, "faithful": faithful}
@@ -173,7 +178,7 @@ def _report(grasps: Grasps, outcomes: Outcomes, protocol_name: str, model: objec
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*(c.tolist() for c in columns.values()), strict=True)]
     for row in rows:
         row |= {name: places[row[name]].tolist() for name in ("touching_closed", "touching_end")}
-    report = {"protocol": protocol_name, "model": model, "n": len(grasps)}
+    report: dict[str, Any] = {"n": len(grasps)}
     report |= {name: wilson(int(columns[name].sum()), len(grasps)).to_json() for name in ("held", "faithful", "steady")}
     verdicts = {verdict: int((outcomes.verdict == verdict).sum()) for verdict in VERDICTS}
     return report | {"verdicts": verdicts, "grasps": rows}

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,7 @@ from numpy.typing import NDArray
 from ..core.errors import InputError, check_name
 from ..core.grasps import Grasps, check_numbers
 from ..core.outcomes import Outcomes
-from ..core.protocols import PAPER, Conditions, as_protocol
-from ..core.protocols import Protocol as TrialProtocol
+from ..core.protocols import PAPER, Conditions, Protocol, as_protocol
 from ..hands import Hand, executing_hand
 
 Progress = Callable[[int], None]
@@ -25,27 +25,34 @@ Observer = Callable[[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]], No
 the order of the grasps' joints, and object poses ``(k, 7)`` (position, wxyz)."""
 
 
-class Engine(Protocol):
-    """Run trials; outcomes depend on neither the order of the grasps nor the number of threads."""
+class Engine(ABC):
+    """Run trials; outcomes depend on neither the order of the grasps nor the number of threads.
+
+    Attributes:
+        name: what records of trials call it.
+    """
+
+    name: ClassVar[str]
 
     @property
     def abridged(self) -> dict[str, Any] | None:
         """How trials are abridged, as plain data for a record; None where every step is computed."""
-        ...
+        return None
 
     def on_one_thread(self) -> Engine:
         """Make the same engine for one of several processes."""
-        ...
+        return self
 
     def abridging(self) -> Engine:
         """Make the same engine, abridging trials where it can, for data of which few verdicts may be wrong."""
-        ...
+        return self
 
+    @abstractmethod
     def run(
         self,
         hand: Hand,
         grasps: Grasps,
-        protocol: TrialProtocol,
+        protocol: Protocol,
         conditions: Conditions | None = None,
         *,
         observe: Observer | None = None,
@@ -56,7 +63,6 @@ class Engine(Protocol):
         Conditions are those of each trial, where they differ from the protocol's physics; a protocol that varies them
         needs them.
         """
-        ...
 
 
 def _mujoco(**options: Any) -> Engine:
@@ -70,24 +76,28 @@ ENGINES: Mapping[str, Callable[..., Engine]] = {"mujoco": _mujoco}
 """Makers of engines by name; each takes the engine's own options."""
 
 
-def as_engine(name: str = "mujoco", **options: Any) -> Engine:
-    """Make an engine by its name.
+def as_engine(given: Engine | str = "mujoco", **options: Any) -> Engine:
+    """Make an engine by its name, with options of its own, or take one as it is.
 
     Raises:
-        InputError: the name is not one of `ENGINES`.
+        InputError: the name is not one of `ENGINES`, or there are options for an engine that is made already.
     """
-    check_name("engine", name, ENGINES)
-    return ENGINES[name](**options)
+    if isinstance(given, Engine):
+        if options:
+            raise InputError(f"{', '.join(options)}: options are for an engine given by name, not for one that is made")
+        return given
+    check_name("engine", given, ENGINES)
+    return ENGINES[given](**options)
 
 
 def run_trials(
     grasps: Grasps,
-    protocol: TrialProtocol | str = PAPER,
+    protocol: Protocol | str = PAPER,
     *,
     hand: Hand | str | None = None,
     conditions: Conditions | None = None,
     seed: int = 0,
-    engine: str = "mujoco",
+    engine: Engine | str = "mujoco",
     observe: Observer | None = None,
     progress: Progress | None = None,
     **options: Any,
@@ -100,10 +110,10 @@ def run_trials(
         hand: a hand, a hand file or a shipped hand's name; by default the shipped hand that the grasps are for.
         conditions: of each trial, where they differ from the protocol's physics; by default what the protocol draws.
         seed: of the protocol's draws.
-        engine: name of the engine.
+        engine: an engine or its name.
         observe: sees every trial as it goes.
         progress: hears how many trials were decided.
-        options: the engine's own, such as `n_threads` (see `engines.mujoco.runner.MujocoEngine`).
+        options: of an engine given by name, such as `n_threads` (see `engines.mujoco.runner.MujocoEngine`).
 
     Raises:
         InputError: an unknown name, or the grasps' joints are not the hand's.

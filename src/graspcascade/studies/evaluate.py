@@ -47,7 +47,7 @@ def evaluate(
     seed: int,
     protocol: Protocol | str = PAPER,
     hand: Hand | Path | str | None = None,
-    engine: Engine | None = None,
+    engine: Engine | str = "mujoco",
     workers: int = 1,
     out: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -66,7 +66,7 @@ def evaluate(
         seed: of every draw.
         protocol: what is done and what counts, or its name.
         hand: the hand to execute with, its name or file; by default the proposal's.
-        engine: what tries them; by default MuJoCo on all processors.
+        engine: what tries them, or its name.
         workers: processes to try in, 0 for as many as processors; 1 stays in this one.
         out: folder that keeps finished rounds (rows as Parquet where pyarrow is installed) and the final
             `evaluation.json`; the same call goes on where an earlier one was cut off, and executes rounds whose rows
@@ -88,7 +88,7 @@ def evaluate(
         >>> result.protocol.name, result.n
         ('paper', 2)
     """
-    engine, cells = as_engine() if engine is None else engine, as_cells(cells)
+    engine, cells = as_engine(engine), as_cells(cells)
     protocol = as_protocol(protocol)
     if engine.abridged is not None:
         raise InputError("an evaluation computes every step; give an engine with creep=None")
@@ -100,7 +100,7 @@ def evaluate(
         "kind": "graspcascade evaluation rounds",
         "model": name,
         "model_metadata": _plain(proposal.describe() if metadata is None else metadata),
-        **setting_of(hand, protocol, cells),
+        **setting_of(hand, protocol, engine, cells),
         "cells": [[obj.name, kind.name] for obj, kind in cells],
         "seed": seed,
         "per_cell": per_cell,
@@ -149,7 +149,7 @@ def evaluate(
             for (obj, kind), (*verdicts, faithful, steady) in zip(cells, counted, strict=True)
         )
         about = {key: identity[key] for key in ("seed", "per_cell", "versions", "model_metadata")}
-        evaluation = Evaluation(protocol, name, hand.name, tallies, **about)
+        evaluation = Evaluation(protocol, name, hand.name, tallies, engine=engine.name, **about)
         if out is not None:
             evaluation.save(Path(out) / EVALUATION_FILE)
     return evaluation

@@ -119,6 +119,7 @@ class Evaluation:
         seed, per_cell: seed of every draw, and trials for each cell.
         versions: versions that the numbers depend on.
         model_metadata: what the caller says of the model.
+        engine: name of the engine; evaluations of earlier versions do not say, and were MuJoCo's.
 
     Examples:
         >>> from graspcascade import GraspSampler, as_object, as_type
@@ -137,6 +138,7 @@ class Evaluation:
     per_cell: int
     versions: Mapping[str, str]
     model_metadata: Mapping[str, Any]
+    engine: str = "mujoco"
 
     @cached_property
     def total(self) -> Tally:
@@ -176,6 +178,7 @@ class Evaluation:
             "kind": KIND,
             "schema_version": SCHEMA_VERSION,
             "protocol": self.protocol.name,
+            "engine": self.engine,
             "model": self.model,
             "hand": self.hand,
             "n": self.n,
@@ -206,8 +209,17 @@ class Evaluation:
             raise FileFormatError(f'not an evaluation: it lacks "kind": "{KIND}"')
         if data.get("schema_version") != SCHEMA_VERSION:
             raise FileFormatError(f"schema version {data.get('schema_version')!r}; this version reads {SCHEMA_VERSION}")
+        data = {"engine": "mujoco"} | data
         try:
-            kinds = {"model": str, "hand": str, "seed": int, "per_cell": int, "versions": dict, "model_metadata": dict}
+            kinds = {
+                "model": str,
+                "hand": str,
+                "engine": str,
+                "seed": int,
+                "per_cell": int,
+                "versions": dict,
+                "model_metadata": dict,
+            }
             protocol, cells = Protocol.from_json(data["protocol_parameters"]), tuple(map(_cell, data["cells"]))
             evaluation = cls(protocol, cells=cells, **{name: kind(data[name]) for name, kind in kinds.items()})
         except KeyError as error:

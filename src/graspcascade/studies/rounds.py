@@ -48,8 +48,8 @@ def objects_of(cells: Sequence[Pair]) -> dict[str, dict[str, Any]]:
     return {name: obj.to_json() for name, obj in named.items()}
 
 
-def setting_of(hand: Hand, protocol: Protocol, cells: Sequence[Pair]) -> dict[str, Any]:
-    """Describe hand, protocol and objects, as the metadata of a study carries them.
+def setting_of(hand: Hand, protocol: Protocol, engine: Engine, cells: Sequence[Pair]) -> dict[str, Any]:
+    """Describe hand, protocol, engine and objects, as the metadata of a study carries them.
 
     Raises:
         InputError: see `objects_of`.
@@ -61,6 +61,7 @@ def setting_of(hand: Hand, protocol: Protocol, cells: Sequence[Pair]) -> dict[st
         "pregrasp_rad": hand.pregrasp.tolist(),
         "digits": list(hand.digits),
         "protocol": protocol.to_json(),
+        "engine": engine.name,
         "objects": objects_of(cells),
     }
 

@@ -29,6 +29,7 @@ class Verification:
         faithful: ``(n, draws)`` whether each held type-faithfully.
         steady: ``(n, draws)`` whether each held without a turn of 15 degrees.
         protocol: the protocol's name.
+        engine: the engine's name.
 
     Examples:
         >>> from graspcascade import GraspSampler
@@ -44,6 +45,7 @@ class Verification:
     faithful: NDArray[np.bool_]
     steady: NDArray[np.bool_]
     protocol: str
+    engine: str
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ def verify(
     seed: int = 0,
     protocol: Protocol | str = VARIED,
     hand: Hand | str | None = None,
-    engine: Engine | None = None,
+    engine: Engine | str = "mujoco",
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> Verification:
@@ -74,7 +76,7 @@ def verify(
         seed: of the draws; the same seed gives the same numbers whatever the threads or processes.
         protocol: one that varies its conditions, or any with a single draw.
         hand: the hand, a hand file or a shipped hand's name; by default the shipped hand that the grasps are for.
-        engine: what tries them; by default MuJoCo on all processors.
+        engine: what tries them, or its name.
         workers: processes to try in, 0 for as many as processors; 1 stays in this one.
         progress: called with the number of trials decided since the last call.
 
@@ -91,9 +93,11 @@ def verify(
     repeated = _Repeated(grasps, draws)
     tried = repeated()
     conditions = protocol.conditions(len(tried), (seed, _STREAM))
-    engine = as_engine() if engine is None else engine
+    engine = as_engine(engine)
     outcomes = try_round(tried, repeated, hand, protocol, engine, conditions, workers=workers, progress=progress)
     held, faithful, steady = (
         flags.reshape(len(grasps), draws) for flags in (outcomes.held, outcomes.faithful(tried), outcomes.steady)
     )
-    return Verification(replace(grasps, probability=held.mean(axis=1)), held, faithful, steady, protocol.name)
+    return Verification(
+        replace(grasps, probability=held.mean(axis=1)), held, faithful, steady, protocol.name, engine.name
+    )

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from math import gcd
 from threading import Event, Lock
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from ...core.outcomes import Outcomes
 from ...core.poses import canonical_quat, quat_multiply, rotation_angle
 from ...core.protocols import Conditions, Protocol
 from ...hands import Hand
-from .. import Observer, Progress, check_trials, is_opposed
+from .. import Engine, Observer, Progress, check_trials, is_opposed
 from .creep import FAST_FORWARD, CreepProjection
 from .idle import Idle, IdleFinder, idle_sets, object_moved
 from .quiet import quiet_engine
@@ -32,7 +32,7 @@ LONG_STRETCH = 25
 
 
 @dataclass(frozen=True)
-class MujocoEngine:
+class MujocoEngine(Engine):
     """Run trials in MuJoCo on the processors of this machine.
 
     Attributes:
@@ -42,6 +42,7 @@ class MujocoEngine:
         creep: how the time under weight is abridged; None computes every step, as every quoted rate asks for.
     """
 
+    name: ClassVar[str] = "mujoco"
     n_threads: int = 0
     n_slots: int = 1024
     reduced: bool = True
