@@ -110,14 +110,8 @@ def test_verified_grasps_are_written_with_their_chance(
     assert held[2] == 0
     document = load_document(out)
     np.testing.assert_array_equal(document.grasps.probability, held[held >= 1] / 2)
-    assert document.metadata["verified"] == {
-        "protocol": "varied",
-        "engine": "mujoco",
-        "draws": 2,
-        "seed": 0,
-        "kept_from": 0.5,
-        "of": 3,
-    }
+    about = {"protocol": "varied", "engine": "mujoco", "draws": 2, "seed": 0, "kept_from": 0.5, "of": 3}
+    assert document.metadata["verified"] == about
     assert document.metadata["model"] == "by hand"
 
 

@@ -60,7 +60,7 @@ def wilson_bounds(successes: ArrayLike, n: ArrayLike) -> tuple[NDArray[np.float6
 def wilson(successes: float, n: int) -> Interval:
     """Compute the rate of successes in n trials with its Wilson score interval; see `wilson_bounds`.
 
-    Of trials that are not independent, such as several of one grasp, give the sum of the grasps' shares and their number.
+    Of trials that are not independent, such as several of one grasp, give the sum of the grasps' shares and how many.
     """
     low, high = wilson_bounds(successes, n)
     return Interval(successes / n if n else math.nan, float(low), float(high))
