@@ -13,6 +13,7 @@ from graspcascade.engines.mujoco import runner as module
 from graspcascade.engines.mujoco.idle import IdleFinder, idle_sets, object_moved
 from graspcascade.engines.mujoco.slots import SlotGroup
 from graspcascade.hands import load_hand
+from graspcascade.proposals.cascade.sampler import GraspSampler
 from graspcascade.worlds.world import shared_world
 
 HAND = load_hand("shadow")
@@ -75,6 +76,29 @@ def test_a_finger_beside_the_object_is_not_idle() -> None:
     middle_tip = (0.011, -0.026, 0.18)
     beside = finder.find(state(middle_tip, FFJ4=-0.3, RFJ4=-0.3, LFJ4=-0.3))
     assert beside is None or "middle" not in IDLE_SETS[beside.place]
+
+
+def test_a_finger_that_would_tip_onto_the_object_is_not_idle() -> None:
+    # Straight but for its outer joint, the middle finger passes the ball; its tendon would also let it bend halfway.
+    spread = {"FFJ4": -0.3, "RFJ4": -0.3, "LFJ4": -0.3}
+    beside = (0.011, -0.045, 0.166)
+    finder = IdleFinder(WHOLE, HAND)
+    straight = finder.find(state(beside, **spread))
+    assert straight is not None
+    assert "middle" in IDLE_SETS[straight.place]
+    bent = finder.find(state(beside, MFJ1=0.8, **spread))
+    assert bent is None or "middle" not in IDLE_SETS[bent.place]
+
+
+def test_a_digit_that_tips_under_weight_onto_the_object_is_there_to_touch_it() -> None:
+    # The outer joints of the ring finger share a tendon; hanging, it tips by half a radian and meets this box.
+    grasps = GraspSampler.pretrained().sample("writing_tripod", "box_large", "x", n=40)[[8, 13, 16]]
+    tried, watched = run_trials(grasps, "hold"), run_trials(grasps, "hold", observe=lambda *_: None)
+    ring = tried.touch_columns.index("ring")
+    assert not tried.touching_closed[:, ring].any()
+    assert tried.touching_end[:, ring].all()
+    np.testing.assert_array_equal(tried.touching_end, watched.touching_end)
+    np.testing.assert_allclose(tried.displacement_m, watched.displacement_m, rtol=0, atol=1e-5)
 
 
 def test_slack_falls_as_the_object_comes_nearer() -> None:

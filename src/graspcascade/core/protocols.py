@@ -239,7 +239,10 @@ class Close(Phase):
 
 @dataclass(frozen=True)
 class Shake(Phase):
-    """Shake the hand's base along x, y and z, some cycles along each; in its frame gravity changes with time."""
+    """Shake the hand's base along x, y and z, some cycles along each; in its frame gravity changes with time.
+
+    The base is taken to swing already: the jolt of starting and stopping is left out.
+    """
 
     amplitude_m: float = 0.020
     frequency_hz: float = 3.0
@@ -428,7 +431,7 @@ class Schedule:
 PAPER = Protocol(name="paper")
 """The protocol of the paper's tables."""
 HOLD = PAPER.with_physics("hold", noslip_iterations=3)
-"""`PAPER` with contacts that do not creep, so that a verdict does not depend on how long the weight acts.
+"""`PAPER` with contacts that do not creep, so that a verdict hardly depends on how long the weight acts.
 
 Its contact settings are the cheapest that keep the limits of ``benchmarks/physics/contacts.py``."""
 VARIED = replace(

@@ -1,8 +1,8 @@
 """Digits that take no part in a grasp: left out of a simulation while they are clear of everything.
 
 The base of the hand stands still, so that a digit which touches nothing has no effect on the object or on the other
-digits: leaving it out changes nothing but rounding. Digits that closed without touching each other hold still from
-then on; the object may slip, and is watched.
+digits: leaving it out changes nothing but rounding. What a tendon ties holds only the sum of its joints: under weight a
+digit tips over between them, so that it must be clear however they share the sum. The object may slip, and is watched.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ _KEEP_M = 0.001
 """It stays out while it is at least this far from the object."""
 _NEAR_M = 0.02
 """Clearance is measured up to this distance."""
+_TIPPED = (-1.0, -0.5, 0.5, 1.0)
+"""How far joints that share a tendon are tipped, as shares of the way to their limits either way."""
 _LEAST_LEVER_M = 0.06
 """Turns of the object count by its radius, and at least by this."""
 
@@ -68,6 +70,7 @@ class IdleFinder:
         # The first bodies of neighbouring digits turn side by side about axes of their own and cannot meet.
         roots = [int(world.model.body(hand.prefix + digit.root).id) for digit in hand.digits.values()]
         side_by_side = np.isin(world.model.geom_bodyid[self._pairs], roots).all(axis=1)
+        self._tips = [_tips(world.model, hand, names) for names in idle_sets(hand)]
         self._between = [
             np.setdiff1d(_boundary(digit, [order.index(name) for name in names]), np.flatnonzero(side_by_side))
             for names in idle_sets(hand)
@@ -81,10 +84,10 @@ class IdleFinder:
 
     def find(self, qpos: NDArray[np.float64]) -> Idle | None:
         """Find the first of `idle_sets` that is clear in a state of the whole world, None if none is."""
-        for place, between in enumerate(self._between):
-            pairs, distances = self._distances(qpos, between)
+        for place in range(len(self._between)):
+            pairs, distances = self._distances(qpos, place)
             if (distances >= self._leave[pairs]).all():
-                return Idle(place, qpos.copy(), self._slack(distances[self._with_object[pairs]]))
+                return Idle(place, qpos.copy(), self._slack(pairs, distances))
         return None
 
     def slack(self, idle: Idle, qpos: NDArray[np.float64], addresses: NDArray[np.intp]) -> float:
@@ -95,17 +98,20 @@ class IdleFinder:
         """
         whole = idle.qpos.copy()
         whole[addresses] = qpos
-        between = self._between[idle.place]
-        return self._slack(self._distances(whole, between[self._with_object[between]])[1])
+        return self._slack(*self._distances(whole, idle.place))
 
-    @staticmethod
-    def _slack(distances: NDArray[np.float64]) -> float:
-        return float(distances.min(initial=_NEAR_M)) - _KEEP_M
+    def _slack(self, pairs: NDArray[np.int64], distances: NDArray[np.float64]) -> float:
+        return float(distances[self._with_object[pairs]].min(initial=_NEAR_M)) - _KEEP_M
 
-    def _distances(
+    def _distances(self, qpos: NDArray[np.float64], place: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Measure the pairs of a set that are nearer than `_NEAR_M`, however its digits tip: places and distances."""
+        measured = [self._distances_at(state, self._between[place]) for state in _tipped(qpos, self._tips[place])]
+        pairs, distances = zip(*measured, strict=True)
+        return np.concatenate(pairs), np.concatenate(distances)
+
+    def _distances_at(
         self, qpos: NDArray[np.float64], places: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Measure the pairs that are nearer than `_NEAR_M`: their places and distances."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         first, second = self._pairs[places].T
@@ -117,6 +123,47 @@ class IdleFinder:
             mujoco.mj_geomDistance(self._model, self._data, one, other, _NEAR_M, fromto) for one, other in pairs
         ]
         return near, np.array(distances)
+
+
+@dataclass(frozen=True)
+class _Tip:
+    """Two joints that share a tendon: addresses in qpos, weights in its sum, and limits, rows lower and upper."""
+
+    addresses: tuple[int, int]
+    weights: NDArray[np.float64]
+    limits: NDArray[np.float64]
+
+
+def _tips(model: Any, hand: Hand, digits: Sequence[str]) -> list[_Tip]:
+    """List the neighbouring joints of each tendon in some digits."""
+    roots = {int(model.body(hand.prefix + hand.digits[name].root).id) for name in digits}
+    tips = []
+    for coupling in hand.couplings:
+        joints = [model.joint(hand.prefix + name) for name in coupling.joints]
+        body = int(joints[0].bodyid[0])
+        while body and body not in roots:
+            body = int(model.body_parentid[body])
+        if coupling.kind == "tendon" and body:
+            for first in range(len(joints) - 1):
+                pair, weights = joints[first : first + 2], np.array(coupling.coefficients[first : first + 2])
+                addresses = (int(pair[0].qposadr[0]), int(pair[1].qposadr[0]))
+                tips.append(_Tip(addresses, weights, np.array([joint.range for joint in pair]).T))
+    return tips
+
+
+def _tipped(qpos: NDArray[np.float64], tips: Sequence[_Tip]) -> list[NDArray[np.float64]]:
+    """Copy a state, the first as it is, with joints that share a tendon tipped against each other, their sum kept."""
+    states = [qpos]
+    for share in _TIPPED if tips else ():
+        state = qpos.copy()
+        for tip in tips:
+            # One joint turns by 1 / weight, the other by -1 / weight; the first limit met ends it.
+            turn = np.array([1.0, -1.0]) / tip.weights * np.sign(share)
+            angles = qpos[list(tip.addresses)]
+            room = np.where(turn > 0.0, tip.limits[1] - angles, tip.limits[0] - angles) / turn
+            state[list(tip.addresses)] = angles + abs(share) * max(float(room.min()), 0.0) * turn
+        states.append(state)
+    return states
 
 
 def object_moved(
