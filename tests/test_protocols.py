@@ -63,7 +63,8 @@ def test_the_paper_protocols_schedule_is_closing_shake_and_carrying() -> None:
     assert np.diff([0, *schedule.ends]).tolist() == [175, 500, 1250]
     assert (schedule.closing_steps, schedule.carry_begins, schedule.total_steps) == (CLOSING, SHAKEN, TOTAL)
     assert schedule.phase.tolist() == [0] * 175 + [1] * 500 + [2] * 1250
-    assert schedule.fraction.shape == (CLOSING,)
+    assert schedule.fraction.shape == (TOTAL,)
+    assert (schedule.fraction[CLOSING:] == 1.0).all()
     assert schedule.acceleration.shape == (TOTAL, 3)
     assert schedule.total_steps * STEP_S == pytest.approx(7.7)
 

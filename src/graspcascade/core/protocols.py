@@ -330,9 +330,12 @@ class Squeeze(Phase):
 
 
 DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
-    **{"-x": (-1.0, 0.0, 0.0), "+x": (1.0, 0.0, 0.0)},
-    **{"-y": (0.0, -1.0, 0.0), "+y": (0.0, 1.0, 0.0)},
-    **{"-z": (0.0, 0.0, -1.0), "+z": (0.0, 0.0, 1.0)},
+    "-x": (-1.0, 0.0, 0.0),
+    "+x": (1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "+y": (0.0, 1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+    "+z": (0.0, 0.0, 1.0),
 }
 """Unit vectors of the six directions a `Push` may have."""
 
@@ -425,11 +428,11 @@ class Protocol(_Numbers):
         step = self.physics.time_step_s
         counts = [phase.n_steps(step) for phase in self.phases]
         ends, phase_of_step = tuple(np.cumsum(counts).tolist()), np.repeat(np.arange(len(counts)), counts)
-        played = (
+        fraction, acceleration, force = (
             np.concatenate([getattr(phase, name)(step) for phase in self.phases])
             for name in ("fraction", "acceleration", "force")
         )
-        return Schedule(self.phases, ends, *played, phase_of_step)
+        return Schedule(self.phases, ends, fraction, acceleration, force, phase_of_step)
 
     def with_physics(self, name: str, **numbers: Any) -> Protocol:
         """Make a protocol of the same phases under other physics, numbers being named as in `Physics`."""

@@ -209,7 +209,8 @@ def object_fields(
     """Compute the object's rows of `OBJECT_FIELDS`: of its body, of its geom, or of its six degrees of freedom.
 
     An object that floats alone has the same rows as in a world with a hand, and compiles in a fraction of the time.
-    With a mass it weighs that, times the density factor, whatever its size. One that is too small or too light for the engine is an InputError.
+    With a mass it weighs that, times the density factor, whatever its size. One that is too small or too light for the
+    engine is an InputError.
     """
     spec = mujoco.MjSpec()
     _add_object(spec, obj, density_factor, size_error_m, mass_kg)

@@ -257,9 +257,7 @@ class TrialSetup:
 class _ConditionFields:
     """Write a trial's object, friction and gains into a slot of the shared model."""
 
-    def __init__(
-        self, batch: Batch, world: World, hand: Hand, protocol: Protocol, varied: bool, reduced: bool
-    ) -> None:
+    def __init__(self, batch: Batch, world: World, hand: Hand, protocol: Protocol, varied: bool, reduced: bool) -> None:
         rows = object_rows(world.model)
         present = [name for name in OBJECT_FIELDS if rows[name].start < rows[name].stop]
         self._objects = [(name, batch.expand(name), rows[name]) for name in present]
