@@ -622,7 +622,7 @@ def test_trial_refuses_what_is_no_grasp_file(call: Call, saved: Path, tmp_path: 
     assert_refused(call("trial", tmp_path / "absent.json"), "no file")
     assert_refused(call("trial", tmp_path / "g.npy"), "no file")
     assert_refused(call("trial", saved, "--protocol", "papper"), "unknown protocol 'papper'", "Did you mean 'paper'")
-    assert_refused(call("trial", saved, "--protocol", "six-directions"), "unknown protocol")
+    assert_refused(call("trial", saved, "--protocol", "six"), "unknown protocol")
     assert_refused(call("trial", saved, "--out", tmp_path / "report.csv"), ".json")
     save_grasps(tmp_path / "none.json", drawn[[]], metadata={})
     assert_refused(call("trial", tmp_path / "none.json"), "no grasps")

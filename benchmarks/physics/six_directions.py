@@ -39,15 +39,20 @@ class Arguments:
     """JSON file to write."""
 
 
-def counts(tally: Tally) -> dict[str, Any]:
-    """Count the trials, those that held, and the others by what ended them."""
-    failed = {name: count for name, count in tally.verdicts.items() if count and name != "held"}
-    return {"n": tally.n, "held": tally.held, "held rate": tally.held_rate.to_json(), "failed": failed}
+ALL = "all"
+"""Stands for every type together."""
+_FAILURES = ("overlap", "missed", "pushed_out", "turned", "unstable")
+
+
+def counts(grasps: str, kind: str, tally: Tally) -> dict[str, Any]:
+    """Count the trials of a grasp type, those that held, and the others by what ended them."""
+    held = {"n": tally.n, "held": tally.held, "held rate": tally.held_rate.to_json()}
+    return {"grasps": grasps, "type": kind, **held, **{name: tally.verdicts[name] for name in _FAILURES}}
 
 
 def main(arguments: Arguments) -> None:
     """Evaluate every model."""
-    engine, models = as_engine(n_threads=arguments.threads), {}
+    engine, rows = as_engine(n_threads=arguments.threads), []
     for name in ("heuristic", "default", *arguments.models):
         proposal = load_proposal(name, None)
         label = {"heuristic": "heuristic", "default": "shipped cascade"}.get(name, Path(name).name)
@@ -60,9 +65,9 @@ def main(arguments: Arguments) -> None:
             out=arguments.runs / label.replace(" ", "_"),
             name=label,
         )
-        by_type = {kind: counts(tally) for kind, tally in evaluation.by_type.items()}
-        models[label] = {**counts(evaluation.total), "by type": by_type}
-        print(label, models[label], file=sys.stderr, flush=True)
+        rows.append(counts(label, ALL, evaluation.total))
+        print(rows[-1], file=sys.stderr, flush=True)
+        rows += [counts(label, kind, tally) for kind, tally in evaluation.by_type.items()]
     publish(
         {
             "title": "Pushed in six directions",
@@ -72,7 +77,7 @@ def main(arguments: Arguments) -> None:
             "protocol": SIX_DIRECTIONS.name,
             "seed": arguments.seed,
             "mujoco": versions()["mujoco"],
-            "models": models,
+            "trials": rows,
         },
         arguments.out,
     )
