@@ -10,7 +10,17 @@ from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import as_object
 from graspcascade.core.outcomes import Outcomes
 from graspcascade.core.poses import rotate
-from graspcascade.core.protocols import DIRECTIONS, HOLD, SIX_DIRECTIONS, Close, Conditions, Protocol, Push, Squeeze
+from graspcascade.core.protocols import (
+    DIRECTIONS,
+    HOLD,
+    SIX_DIRECTIONS,
+    Carry,
+    Close,
+    Conditions,
+    Protocol,
+    Push,
+    Squeeze,
+)
 from graspcascade.engines import as_engine, run_trials
 from graspcascade.engines.mujoco.creep import FAST_FORWARD
 from graspcascade.hands import Hand
@@ -147,6 +157,15 @@ def test_a_free_object_of_any_size_is_pushed_by_one_newton_at_its_centre(drawn: 
     np.testing.assert_allclose(poses[:, :3] - np.array(FAR), pushed, atol=1e-9)
     np.testing.assert_allclose(outcomes.displacement_m, way_m)
     np.testing.assert_allclose(outcomes.turn_rad, 0.0, atol=1e-7)
+
+
+def test_a_push_ends_with_its_phase(drawn: Grasps) -> None:
+    free, n = with_object_at(drawn[:1], FAR), 25
+    pushed = (Close(0.004, 0.0), Push("+x", 1.0, n * STEP_S))
+    protocol = replace(SIX_DIRECTIONS, name="free", contact_by=None, displacement_m=1.0, phases=pushed)
+    coasting = replace(protocol, phases=(*pushed, Carry(n * STEP_S, 0.0)))
+    ways_m = [run_trials(free, each).displacement_m[0] for each in (protocol, coasting)]
+    np.testing.assert_allclose(ways_m, STEP_S**2 * 10.0 * np.array([n * (n + 1) / 2, n * (n + 1) / 2 + n * n]))
 
 
 def test_an_object_weighs_as_much_as_its_trial_says(drawn: Grasps) -> None:

@@ -277,7 +277,8 @@ def protocol_numbers(protocol: Protocol) -> dict[str, Any]:
         numbers |= {f"{stem}_{name}": value for name, value in asdict(phase).items()}
     data = protocol.to_json()
     own = {name: data[name] for name in ("overlap_m", "displacement_m", "turn_rad") if name in data}
-    return numbers | own | data["physics"]
+    numbers |= own | data["physics"]
+    return numbers
 
 
 def conditions(evaluation: Evaluation) -> dict[str, Any]:
