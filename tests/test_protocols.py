@@ -125,6 +125,12 @@ def test_six_directions_are_those_of_the_rule() -> None:
     np.testing.assert_allclose(np.linalg.norm(rule.schedule.force, axis=1), [*[0.0] * 200, *[1.0] * 500] * 6)
 
 
+@pytest.mark.parametrize("finder", [SIX_DIRECTIONS, replace(HOLD, turn_rad=1.0)])
+def test_contact_is_found_by_one_plain_closing(finder: Protocol) -> None:
+    with pytest.raises(InputError, match=f"not by protocol {finder.name}"):
+        replace(SIX_DIRECTIONS, contact_by=finder)
+
+
 def test_an_unknown_direction_is_refused() -> None:
     with pytest.raises(InputError, match=r"unknown direction of a push 'up'.*-x, \+x"):
         Push("up")
