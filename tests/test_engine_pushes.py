@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -180,13 +181,16 @@ def test_an_object_weighs_as_much_as_its_trial_says(drawn: Grasps) -> None:
 
 
 @pytest.mark.parametrize("name", ["box_small", "sphere_large", "cylinder:12x140mm"])
-def test_mass_gains_and_force_limits_are_the_protocols(hand: Hand, name: str) -> None:
+def test_mass_gains_force_limits_and_joint_friction_are_the_protocols(hand: Hand, name: str) -> None:
     model = build_world(hand, as_object(name), SIX_DIRECTIONS.physics).model
     assert model.body("object").mass[0] == pytest.approx(0.100)
     assert (model.actuator_gainprm[:, 0] == 5.0).all()
     assert (model.actuator_biasprm[:, 1] == -5.0).all()
     assert model.actuator_forcelimited.all()
     np.testing.assert_array_equal(model.actuator_forcerange, [[-3.0, 3.0]] * model.nu)
+    hinges = model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
+    assert (model.dof_frictionloss[hinges] == 0.01).all()
+    assert model.dof_frictionloss.sum() == pytest.approx(0.01 * len(hinges))
 
 
 def test_conditions_of_one_trial_are_the_physics_of_a_batch(some: Grasps, briefly: Outcomes) -> None:

@@ -120,7 +120,7 @@ def test_six_directions_are_those_of_the_rule() -> None:
     assert (rule.overlap_m, rule.displacement_m, rule.turn_rad) == (0.010, 0.050, pytest.approx(np.radians(15)))
     assert (physics.friction, physics.torsional_friction_m, physics.impratio) == (0.6, 0.02, 10.0)
     assert (physics.time_step_s, physics.object_mass_kg) == (0.004, 0.1)
-    assert (physics.gain_nm_per_rad, physics.force_limit_nm) == (5.0, 3.0)
+    assert (physics.gain_nm_per_rad, physics.force_limit_nm, physics.joint_friction_nm) == (5.0, 3.0, 0.01)
     assert not rule.schedule.acceleration.any()
     np.testing.assert_allclose(np.linalg.norm(rule.schedule.force, axis=1), [*[0.0] * 200, *[1.0] * 500] * 6)
 

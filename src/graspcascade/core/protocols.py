@@ -44,6 +44,7 @@ class Physics(_Numbers):
         density_factor: object density as a multiple of the object's own, or of what makes `object_mass_kg`.
         gain_nm_per_rad: position gain of every actuator in place of the hand model's, None for the model's.
         force_limit_nm: greatest torque of every actuator, likewise.
+        joint_friction_nm: dry friction of every joint, None for none.
         object_mass_kg: mass of every object whatever its size, None for what its own density makes.
 
     Raises:
@@ -60,6 +61,7 @@ class Physics(_Numbers):
     density_factor: float = 1.0
     gain_nm_per_rad: float | None = None
     force_limit_nm: float | None = None
+    joint_friction_nm: float | None = None
     object_mass_kg: float | None = None
 
     _above_zero = (
@@ -564,13 +566,15 @@ SIX_DIRECTIONS = Protocol(
         gain_factor=1.0,
         gain_nm_per_rad=5.0,
         force_limit_nm=3.0,
+        joint_friction_nm=0.01,
         object_mass_kg=0.1,
     ),
     contact_by=HOLD,
 )
 """The rule of DexGraspBench's force-closure setting, with the numbers of that project's branch ``main``.
 
-Contacts have two passes against slip, as there, and the mean time constant of its hand (5 ms) and objects (20 ms)."""
+Contacts have two passes against slip, as there, and the mean time constant of its hand (5 ms) and objects (20 ms); the
+joints' dry friction is that of its Shadow Hand."""
 PROTOCOLS: Mapping[str, Protocol] = {each.name: each for each in (PAPER, HOLD, VARIED, SIX_DIRECTIONS)}
 """Every protocol by name."""
 

@@ -112,7 +112,7 @@ def _set_physics(spec: Any, physics: Physics) -> None:
     # A diverged state must stay visible instead of being reset to a healthy one.
     option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     for joint in spec.joints:
-        joint.frictionloss = 0.0
+        joint.frictionloss = physics.joint_friction_nm or 0.0
     for actuator in spec.actuators:
         if physics.gain_nm_per_rad is not None:
             actuator.gainprm[0], actuator.biasprm[1] = physics.gain_nm_per_rad, -physics.gain_nm_per_rad
