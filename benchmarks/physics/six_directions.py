@@ -76,8 +76,8 @@ def main(arguments: Arguments) -> None:
             "title": "Pushed in six directions",
             "description": "Grasps tried under protocol six-directions, the rule of DexGraspBench's force-closure "
             "setting: how many held in all six directions, and what ended the others: deep overlap, missed while "
-            "closing, centre (pushed_out) or orientation (turned) beyond its limit. The shipped cascade's grasps also in "
-            "joints without the dry friction that the benchmark's hand has.",
+            "closing, centre (pushed_out) or orientation (turned) beyond its limit. The shipped cascade's grasps also "
+            "in joints without the dry friction that the benchmark's hand has.",
             "protocol": SIX_DIRECTIONS.name,
             "seed": arguments.seed,
             "mujoco": versions()["mujoco"],
