@@ -19,7 +19,7 @@ def evaluation(
     cells = []
     for obj, kind in CELLS:
         held = int(rng.binomial(per_cell, held_share))
-        rest = rng.multinomial(per_cell - held, [0.2] * 5).tolist()
+        rest = rng.multinomial(per_cell - held, [1 / 7] * 7).tolist()
         cells.append(
             Cell(dict(zip(VERDICTS, [held, *rest], strict=True)), int(rng.integers(held + 1)), kind.name, obj.name)
         )

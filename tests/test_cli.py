@@ -620,6 +620,16 @@ def test_trial_prints_verdicts_and_a_rate_with_its_protocol(call: Call, saved: P
     assert "(95 %: " in said.out
 
 
+def test_grasps_are_tried_and_verified_by_pushes(call: Call, saved: Path) -> None:
+    said = call("trial", saved, "--protocol", "six-directions", "--json")
+    assert (said.status, said.json["protocol"]) == (0, "six-directions")
+    assert set(said.json["verdicts"]) == set(VERDICTS)
+    held = said.json["verdicts"]["held"]
+    said = call("verify", saved, "--protocol", "six-directions", "--draws", "1", "--json")
+    assert said.json["held"] == pytest.approx(held / 3)
+    assert_refused(call("verify", saved, "--protocol", "six-directions"), "six-directions is the same; give one draw")
+
+
 def test_trial_refuses_what_is_no_grasp_file(call: Call, saved: Path, tmp_path: Path, drawn: Grasps) -> None:
     cut = tmp_path / "cut.json"
     cut.write_text(saved.read_text()[:500])
@@ -627,7 +637,7 @@ def test_trial_refuses_what_is_no_grasp_file(call: Call, saved: Path, tmp_path: 
     assert_refused(call("trial", tmp_path / "absent.json"), "no file")
     assert_refused(call("trial", tmp_path / "g.npy"), "no file")
     assert_refused(call("trial", saved, "--protocol", "papper"), "unknown protocol 'papper'", "Did you mean 'paper'")
-    assert_refused(call("trial", saved, "--protocol", "six-directions"), "unknown protocol")
+    assert_refused(call("trial", saved, "--protocol", "six"), "unknown protocol")
     assert_refused(call("trial", saved, "--out", tmp_path / "report.csv"), ".json")
     save_grasps(tmp_path / "none.json", drawn[[]], metadata={})
     assert_refused(call("trial", tmp_path / "none.json"), "no grasps")

@@ -78,8 +78,8 @@ def glue_the_object(monkeypatch: pytest.MonkeyPatch, pose: Pose) -> None:
     """Weld the object to the palm at a pose in every world built from here on."""
     add_object = world_module._add_object
 
-    def add_glued_object(spec: Any, *rest: Any) -> None:
-        add_object(spec, *rest)
+    def add_glued_object(spec: Any, *rest: Any, **options: Any) -> None:
+        add_object(spec, *rest, **options)
         if spec.body("palm") is None:  # an object that is compiled alone
             return
         weld = spec.add_equality(

@@ -92,7 +92,7 @@ def fake_run(grasps: Grasps) -> Outcomes:
     """Decide by the posture alone: no physics, the same answer to the same grasp."""
     outcomes = Outcomes.blank(len(grasps), len(JOINTS))
     share = grasps.posture[:, 0]
-    outcomes.verdict[:] = np.where(share < 0.5, "held", np.array(VERDICTS)[1:][(share * 1000).astype(int) % 5])
+    outcomes.verdict[:] = np.where(share < 0.5, "held", np.array(VERDICTS)[1:][(share * 1000).astype(int) % 7])
     outcomes.touching_end[:] = (share < 0.3)[:, None]
     outcomes.turn_rad[:] = share
     return outcomes
@@ -587,8 +587,8 @@ def test_json_has_the_keys_of_the_command_line() -> None:
     assert data["faithful"].keys() == data["held"].keys()
     assert data["cells"][0].keys() >= {"grasp_type", "object", "n", "held", "faithful"}
     for split in ("by_type", "by_object"):
-        summed = {v: sum(tally[v] for tally in data["verdicts"][split].values()) for v in VERDICTS}
-        assert summed == data["verdicts"]["overall"]
+        summed = {v: sum(tally.get(v, 0) for tally in data["verdicts"][split].values()) for v in VERDICTS}
+        assert summed == dict.fromkeys(VERDICTS, 0) | data["verdicts"]["overall"]
     assert list(data["verdicts"]["by_type"]) == list(GRASP_TYPES)
 
 

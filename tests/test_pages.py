@@ -112,6 +112,20 @@ def test_the_page_of_the_protocol_has_the_measured_stability_of_its_verdicts() -
             assert max(abs(row["held, points over the protocol"]) for row in (longer, finer)) < 1.0
 
 
+def test_the_page_of_the_protocol_has_the_measured_rates_in_six_directions() -> None:
+    rows = json.loads((DOCS / "results" / "six_directions.json").read_text(encoding="utf-8"))["trials"]
+    page = (DOCS / "protocol.md").read_text(encoding="utf-8")
+    failures = ("overlap", "missed", "pushed_out", "turned", "unstable")
+    assert {row["n"] for row in rows if row["type"] == "all"} == {1080}
+    for row in rows:
+        assert row["n"] == row["held"] + sum(row[name] for name in failures)
+        rate = " ".join(f"{100 * row['held rate'][bound]:.1f}" for bound in ("rate", "low", "high"))
+        held = "{} ({} to {})".format(*rate.split())
+        counts = " | ".join(str(row[name]) for name in failures)
+        kind = row["type"] if row["type"] == "all" else f"`{row['type']}`"
+        assert f"| {row['grasps']} | {kind} | {row['n']} | {held} | {counts} |" in page
+
+
 def test_no_page_uses_words_of_our_own() -> None:
     private = re.compile(r"\b(verbs?|wish|wishes|is told|are told|ladder)\b|\brooms?\b", re.IGNORECASE)
     texts = {path: path.read_text(encoding="utf-8") for path in [*DOCS.glob("*.md"), *DOCS.parent.glob("*.md")]}

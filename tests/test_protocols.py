@@ -16,14 +16,18 @@ from graspcascade.core.objects import GraspObject
 from graspcascade.core.outcomes import Outcomes
 from graspcascade.core.poses import as_rotation
 from graspcascade.core.protocols import (
+    HOLD,
     PAPER,
+    SIX_DIRECTIONS,
     VARIED,
     Carry,
     Close,
     Conditions,
     Physics,
     Protocol,
+    Push,
     Shake,
+    Squeeze,
     Variation,
     as_protocol,
 )
@@ -63,7 +67,8 @@ def test_the_paper_protocols_schedule_is_closing_shake_and_carrying() -> None:
     assert np.diff([0, *schedule.ends]).tolist() == [175, 500, 1250]
     assert (schedule.closing_steps, schedule.carry_begins, schedule.total_steps) == (CLOSING, SHAKEN, TOTAL)
     assert schedule.phase.tolist() == [0] * 175 + [1] * 500 + [2] * 1250
-    assert schedule.fraction.shape == (CLOSING,)
+    assert schedule.fraction.shape == (TOTAL,)
+    assert (schedule.fraction[CLOSING:] == 1.0).all()
     assert schedule.acceleration.shape == (TOTAL, 3)
     assert schedule.total_steps * STEP_S == pytest.approx(7.7)
 
@@ -84,6 +89,7 @@ def test_an_unknown_protocol_is_refused_with_the_known_ones() -> None:
 OTHERS = [
     PAPER,
     VARIED,
+    SIX_DIRECTIONS,
     replace(VARIED, name="only pushed", variation=Variation(position_sd_m=0.001)),
     Protocol("still", (Close(), Carry(1.0))),
     Protocol("shaken only", (Close(0.3, 0.0), Shake(cycles=1)), overlap_m=0.002, displacement_m=0.03),
@@ -91,6 +97,43 @@ OTHERS = [
         "twice", (Close(), Carry(1.0), Shake(), Carry(2.0, 1.6)), physics=Physics(friction=0.5, time_step_s=0.002)
     ),
 ]
+
+
+def test_records_of_the_other_protocols_say_nothing_of_what_only_pushes_need() -> None:
+    for protocol in (PAPER, HOLD, VARIED):
+        assert set(protocol.to_json()) == {"name", "phases", "overlap_m", "displacement_m", "physics", "variation"}
+        assert set(protocol.to_json()["physics"]) == {
+            *("time_step_s", "friction", "torsional_friction_m", "contact_time_constant_s"),
+            *("impratio", "noslip_iterations", "gain_factor", "density_factor"),
+        }
+
+
+def test_six_directions_are_those_of_the_rule() -> None:
+    rule, physics = SIX_DIRECTIONS, SIX_DIRECTIONS.physics
+    assert [phase.kind for phase in rule.phases] == ["close", "squeeze", "push"] * 6
+    pushes = [phase for phase in rule.phases if isinstance(phase, Push)]
+    assert [(one.direction, one.force_n, one.duration_s) for one in pushes] == [
+        (f"{sign}{axis}", 1.0, 2.0) for axis in "xyz" for sign in "-+"
+    ]
+    assert np.diff([0, *rule.schedule.ends]).tolist() == [100, 100, 500] * 6
+    assert rule.schedule.restarts == [700, 1400, 2100, 2800, 3500]
+    assert (rule.overlap_m, rule.displacement_m, rule.turn_rad) == (0.010, 0.050, pytest.approx(np.radians(15)))
+    assert (physics.friction, physics.torsional_friction_m, physics.impratio) == (0.6, 0.02, 10.0)
+    assert (physics.time_step_s, physics.object_mass_kg) == (0.004, 0.1)
+    assert (physics.gain_nm_per_rad, physics.force_limit_nm, physics.joint_friction_nm) == (5.0, 3.0, 0.01)
+    assert not rule.schedule.acceleration.any()
+    np.testing.assert_allclose(np.linalg.norm(rule.schedule.force, axis=1), [*[0.0] * 200, *[1.0] * 500] * 6)
+
+
+@pytest.mark.parametrize("finder", [SIX_DIRECTIONS, replace(HOLD, turn_rad=1.0)])
+def test_contact_is_found_by_one_plain_closing(finder: Protocol) -> None:
+    with pytest.raises(InputError, match=f"not by protocol {finder.name}"):
+        replace(SIX_DIRECTIONS, contact_by=finder)
+
+
+def test_an_unknown_direction_is_refused() -> None:
+    with pytest.raises(InputError, match=r"unknown direction of a push 'up'.*-x, \+x"):
+        Push("up")
 
 
 @pytest.mark.parametrize("protocol", OTHERS, ids=lambda protocol: protocol.name)
@@ -146,7 +189,13 @@ def test_plain_data_that_is_no_protocol_is_refused(change: dict, error: type[Exc
 
 
 @pytest.mark.parametrize(
-    "number", [(kind, part.name) for kind in (Close, Shake, Carry, Physics) for part in fields(kind)]
+    "number",
+    [
+        (kind, part.name)
+        for kind in (Close, Shake, Carry, Squeeze, Push, Physics)
+        for part in fields(kind)
+        if part.name != "direction"
+    ],
 )
 def test_no_number_of_a_protocol_is_negative_or_endless(number: tuple[type, str]) -> None:
     kind, name = number
@@ -155,7 +204,7 @@ def test_no_number_of_a_protocol_is_negative_or_endless(number: tuple[type, str]
             kind(**{name: wrong})
 
 
-@pytest.mark.parametrize("name", ["overlap_m", "displacement_m"])
+@pytest.mark.parametrize("name", ["overlap_m", "displacement_m", "turn_rad"])
 @pytest.mark.parametrize("wrong", [-0.001, float("nan"), float("inf")])
 def test_the_criterion_is_neither_negative_nor_endless(name: str, wrong: float) -> None:
     with pytest.raises(InputError, match=f"{name} must be a finite number"):
@@ -168,6 +217,9 @@ def test_the_criterion_is_neither_negative_nor_endless(name: str, wrong: float) 
         (Physics, "time_step_s"),
         (Physics, "density_factor"),
         (Physics, "gain_factor"),
+        (Physics, "object_mass_kg"),
+        (Physics, "gain_nm_per_rad"),
+        (Physics, "force_limit_nm"),
         (Close, "ramp_s"),
         (Shake, "frequency_hz"),
     ],

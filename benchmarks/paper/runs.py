@@ -275,8 +275,10 @@ def protocol_numbers(protocol: Protocol) -> dict[str, Any]:
         before = kinds[:place].count(phase.kind)
         stem = phase.kind if not before else f"{phase.kind}{before + 1}"
         numbers |= {f"{stem}_{name}": value for name, value in asdict(phase).items()}
-    own = {"overlap_m": protocol.overlap_m, "displacement_m": protocol.displacement_m}
-    return numbers | own | asdict(protocol.physics)
+    data = protocol.to_json()
+    own = {name: data[name] for name in ("overlap_m", "displacement_m", "turn_rad") if name in data}
+    numbers |= own | data["physics"]
+    return numbers
 
 
 def conditions(evaluation: Evaluation) -> dict[str, Any]:

@@ -59,8 +59,7 @@ class RawEngine:
             world.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
         self._pregrasp = hand.clip(grasps.pregrasp)
         schedule = protocol.schedule
-        self._fraction = np.ones((schedule.carry_begins, 1))
-        self._fraction[: schedule.closing_steps, 0] = schedule.fraction
+        self._fraction = schedule.fraction[: schedule.carry_begins, None]
         self._own = threading.local()
 
     @property

@@ -18,6 +18,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 from .. import hands
 from ..core.errors import InputError, check_whole, unknown
 from ..core.poses import Pose
+from ..core.protocols import PROTOCOLS
 from ..core.taxonomy import GRASP_TYPES
 
 if TYPE_CHECKING:
@@ -39,7 +40,8 @@ heuristic that draws again where the digits cannot touch. These two take any siz
 ModelName = Annotated[str, arg(metavar="NAME|FOLDER", help=_MODEL)]
 _PRIOR = "Posture prior of the heuristic (.safetensors); the shipped one without it."
 PriorFile = Annotated[Path | None, arg(metavar="FILE", help=_PRIOR)]
-ProtocolName = Annotated[str, arg(metavar="NAME", help="Trial protocol; every rate is quoted with its name.")]
+_PROTOCOL = f"Trial protocol ({', '.join(PROTOCOLS)}); every rate is quoted with its name."
+ProtocolName = Annotated[str, arg(metavar="NAME", help=_PROTOCOL)]
 EngineName = Annotated[str, arg(metavar="NAME", help="Physics engine.")]
 Threads = Annotated[int, arg(help="Simulation threads, 0 for all processors.")]
 _WORKERS = "Processes to try in, each with one thread, 0 for as many as processors; 1 stays in this one."

@@ -14,12 +14,16 @@ from .grasps import Grasps, batch_index
 from .poses import Pose
 from .taxonomy import DIGITS
 
-VERDICTS: tuple[str, ...] = ("held", "overlap", "missed", "shaken_out", "dropped", "unstable")
+VERDICTS: tuple[str, ...] = (
+    *("held", "overlap", "missed", "shaken_out", "dropped"),
+    *("pushed_out", "turned", "unstable"),
+)
 """Every verdict; all but the first are failures.
 
 `overlap`: hand and object intersect at the start. `missed`: after closing the thumb and a finger do not both touch the
 object. `shaken_out`, `dropped`: the object left during the shake, or under gravity or without contact at its end.
-`unstable`: the engine reported a warning or a non-finite state.
+`pushed_out`, `turned`: under a protocol that limits turns, the object's centre, or else its orientation, went farther
+from its start than allowed. `unstable`: the engine reported a warning or a non-finite state.
 """
 PALM = "palm"
 STEADY_RAD = math.radians(15.0)
@@ -38,9 +42,10 @@ class Outcomes:
         settled_posture: ``(n, J)`` joint angles after closing, radians; NaN where closing was not reached.
         X_hand_object_settled: object pose after closing; NaN likewise.
         object_size_m: ``(n,)`` thumb-tip to index-tip distance after closing, metres; NaN likewise.
-        displacement_m: ``(n,)`` distance of the object's centre from its settled place at the end; NaN likewise.
-        turn_rad: ``(n,)`` angle between its settled orientation and that at the end; NaN likewise.
-        duration_s: ``(n,)`` simulated time.
+        displacement_m: ``(n,)`` distance of the object's centre from its settled place at the end; NaN likewise. Under
+            a protocol that limits turns, the greatest distance from where it started.
+        turn_rad: ``(n,)`` angle between its settled orientation and that at the end, or the greatest, likewise.
+        duration_s: ``(n,)`` simulated time; a closing that only finds the contact (`Protocol.contact_by`) is left out.
     """
 
     digits: tuple[str, ...]

@@ -40,8 +40,12 @@ class Physics(_Numbers):
         contact_time_constant_s: time constant of the contact's spring and damper (damping ratio 1).
         impratio: ratio of friction to normal constraint impedance, elliptic cones.
         noslip_iterations: most passes after the solver that take out the slow slip which soft friction leaves.
-        gain_factor: position gains as a multiple of the hand model's own.
-        density_factor: object density as a multiple of the object's own.
+        gain_factor: position gains as a multiple of the hand model's own, or of `gain_nm_per_rad`.
+        density_factor: object density as a multiple of the object's own, or of what makes `object_mass_kg`.
+        gain_nm_per_rad: position gain of every actuator in place of the hand model's, None for the model's.
+        force_limit_nm: greatest torque of every actuator, likewise.
+        joint_friction_nm: dry friction of every joint, None for none.
+        object_mass_kg: mass of every object whatever its size, None for what its own density makes.
 
     Raises:
         InputError: a number is negative, not finite, or 0 where that makes no sense.
@@ -55,8 +59,15 @@ class Physics(_Numbers):
     noslip_iterations: int = 0
     gain_factor: float = 3.0
     density_factor: float = 1.0
+    gain_nm_per_rad: float | None = None
+    force_limit_nm: float | None = None
+    joint_friction_nm: float | None = None
+    object_mass_kg: float | None = None
 
-    _above_zero = ("time_step_s", "contact_time_constant_s", "impratio", "gain_factor", "density_factor")
+    _above_zero = (
+        *("time_step_s", "contact_time_constant_s", "impratio", "gain_factor", "density_factor"),
+        *("gain_nm_per_rad", "force_limit_nm", "object_mass_kg"),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -205,6 +216,8 @@ class Phase(_Numbers, ABC):
     """Verdict of an object that leaves the hand during this phase."""
     steady: ClassVar[bool] = False
     """Whether the acceleration is the same in every step."""
+    ramp: ClassVar[int] = -1
+    """Way on which the targets move: 0 from pregrasp to contact, 1 from contact to posture, -1 where they stay."""
 
     @abstractmethod
     def _length_s(self) -> float: ...
@@ -217,22 +230,36 @@ class Phase(_Numbers, ABC):
         """Compute the acceleration field in the hand frame during each step, ``(n_steps, 3)`` in m/s2."""
         return np.zeros((self.n_steps(time_step_s), 3))
 
+    def force(self, time_step_s: float) -> Array:
+        """Compute the force on the object's centre of mass during each step, ``(n_steps, 3)`` in N.
+
+        Its axes are those that the object has at the start; they do not turn with it.
+        """
+        return np.zeros((self.n_steps(time_step_s), 3))
+
+    def fraction(self, time_step_s: float) -> Array:
+        """Compute how far on their way (0 to 1) the targets in force during each step are, ``(n_steps,)``."""
+        return np.ones(self.n_steps(time_step_s))
+
 
 @dataclass(frozen=True)
 class Close(Phase):
-    """Close the hand on the floating object: targets ramp from pregrasp to posture, which is then held."""
+    """Close the hand on the floating object: targets ramp from pregrasp to contact, which is then held.
+
+    Contact is the grasp's posture itself, unless the protocol says how it is found (`Protocol.contact_by`).
+    """
 
     ramp_s: float = 0.5
     settle_s: float = 0.2
 
-    kind, lost = "close", "missed"
+    kind, lost, ramp = "close", "missed", 0
     _above_zero = ("ramp_s",)
 
     def _length_s(self) -> float:
         return self.ramp_s + self.settle_s
 
     def fraction(self, time_step_s: float) -> Array:
-        """Compute the targets' way from pregrasp (0) to posture (1) in force during each step, ``(n_steps,)``."""
+        """Compute the targets' way from pregrasp (0) to contact (1) in force during each step, ``(n_steps,)``."""
         steps = np.arange(1, self.n_steps(time_step_s) + 1)
         return np.asarray(np.minimum(steps * time_step_s / self.ramp_s, 1.0))
 
@@ -290,7 +317,57 @@ class Carry(Phase):
         return super().acceleration(time_step_s) - [0.0, 0.0, self.gravity_m_s2]
 
 
-PHASES: Mapping[str, type[Phase]] = {phase.kind: phase for phase in (Close, Shake, Carry)}
+@dataclass(frozen=True)
+class Squeeze(Phase):
+    """Squeeze the object: targets ramp from contact on to the grasp's posture, which lies inside the object."""
+
+    ramp_s: float = 0.4
+
+    kind, ramp = "squeeze", 1
+    _above_zero = ("ramp_s",)
+
+    def _length_s(self) -> float:
+        return self.ramp_s
+
+    def fraction(self, time_step_s: float) -> Array:
+        """Compute the targets' way from contact (0) to posture (1) in force during each step, ``(n_steps,)``."""
+        return np.arange(1, self.n_steps(time_step_s) + 1) / self.n_steps(time_step_s)
+
+
+DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
+    "-x": (-1.0, 0.0, 0.0),
+    "+x": (1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "+y": (0.0, 1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+    "+z": (0.0, 0.0, 1.0),
+}
+"""Unit vectors of the six directions a `Push` may have."""
+
+
+@dataclass(frozen=True)
+class Push(Phase):
+    """Push the object at its centre of mass, evenly, along an axis that it has at the start."""
+
+    direction: str = "+x"
+    force_n: float = 1.0
+    duration_s: float = 2.0
+
+    kind, lost = "push", "pushed_out"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_name("direction of a push", self.direction, DIRECTIONS)
+
+    def _length_s(self) -> float:
+        return self.duration_s
+
+    def force(self, time_step_s: float) -> Array:
+        """Compute the force as `Phase` does: the same in every step."""
+        return super().force(time_step_s) + self.force_n * np.array(DIRECTIONS[self.direction])
+
+
+PHASES: Mapping[str, type[Phase]] = {phase.kind: phase for phase in (Close, Shake, Carry, Squeeze, Push)}
 """Every phase by its name in files."""
 
 
@@ -302,15 +379,23 @@ class Protocol(_Numbers):
     through the phases in order, the first of which closes the hand; it is held if at the end the thumb and a finger
     touch the object.
 
+    Where turns are limited, the object's pose alone counts, at all times, and there may be several attempts: each
+    closing starts one from pregrasp, hand and object being put back, and all must hold.
+
     Attributes:
         name: name that every success rate is quoted with.
         overlap_m: deeper overlap of hand and object at the start is the failure `overlap`.
-        displacement_m: the object's centre must stay this near to where closing left it.
+        displacement_m: the object's centre must stay this near to where closing left it, or, where turns are limited,
+            to where it started.
+        turn_rad: the object must not turn by more from how it started; None where it may.
         physics: physics of every trial, unless a trial has conditions of its own.
         variation: how each trial's conditions differ from it, None where all are alike.
+        contact_by: protocol whose closing, under its own physics, finds the joints in contact and the place of the
+            object that a trial starts with; None closes to the posture, from where the grasp puts the object.
 
     Raises:
-        InputError: a number out of range, or no closing phase first, or nothing after it.
+        InputError: a number out of range, no closing phase first, nothing after it, or a `contact_by` that limits turns
+            or has its own contact found by another.
 
     Examples:
         >>> harder = PAPER.with_physics("paper, friction 0.5", friction=0.5)
@@ -324,15 +409,20 @@ class Protocol(_Numbers):
     displacement_m: float = 0.050
     physics: Physics = Physics()
     variation: Variation | None = None
+    turn_rad: float | None = None
+    contact_by: Protocol | None = None
 
-    _above_zero = ("displacement_m",)
+    _above_zero = ("displacement_m", "turn_rad")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         step = self.physics.time_step_s
         kinds = [phase.kind for phase in self.phases]
-        if kinds[:1] != ["close"] or kinds.count("close") > 1:
+        if kinds[:1] != ["close"] or (kinds.count("close") > 1 and self.turn_rad is None):
             raise InputError(f"a protocol begins with its one closing phase, got phases {', '.join(kinds) or 'none'}")
+        first = self.contact_by
+        if first is not None and (first.turn_rad is not None or first.contact_by is not None):
+            raise InputError(f"contact is found by one plain closing, not by protocol {first.name}")
         if self.phases[0].n_steps(step) < 1 or sum(phase.n_steps(step) for phase in self.phases[1:]) < 1:
             raise InputError(f"closing, and what follows it, must each last at least one time step of {step} s")
 
@@ -347,8 +437,11 @@ class Protocol(_Numbers):
         step = self.physics.time_step_s
         counts = [phase.n_steps(step) for phase in self.phases]
         ends, phase_of_step = tuple(np.cumsum(counts).tolist()), np.repeat(np.arange(len(counts)), counts)
-        accelerations = np.concatenate([phase.acceleration(step) for phase in self.phases])
-        return Schedule(self.phases, ends, self.closing.fraction(step), accelerations, phase_of_step)
+        fraction, acceleration, force = (
+            np.concatenate([getattr(phase, name)(step) for phase in self.phases])
+            for name in ("fraction", "acceleration", "force")
+        )
+        return Schedule(self.phases, ends, fraction, acceleration, force, phase_of_step)
 
     def with_physics(self, name: str, **numbers: Any) -> Protocol:
         """Make a protocol of the same phases under other physics, numbers being named as in `Physics`."""
@@ -362,7 +455,13 @@ class Protocol(_Numbers):
 
     def to_json(self) -> dict[str, Any]:
         """Describe name, phases, criterion and physics as plain data."""
-        return asdict(self) | {"phases": [{"phase": phase.kind} | asdict(phase) for phase in self.phases]}
+        phases = [{"phase": phase.kind} | asdict(phase) for phase in self.phases]
+        data = {part.name: getattr(self, part.name) for part in fields(self)} | {"phases": phases}
+        data["variation"] = None if self.variation is None else asdict(self.variation)
+        # What a protocol does without is left out, so that records keep their form when there is more to say.
+        data["physics"] = {name: number for name, number in asdict(self.physics).items() if number is not None}
+        data["contact_by"] = None if self.contact_by is None else self.contact_by.to_json()
+        return {name: part for name, part in data.items() if part is not None or name == "variation"}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Protocol:
@@ -386,8 +485,10 @@ class Protocol(_Numbers):
         varied: dict[str, Any] = data.get("variation") or {}
         varied = {name: tuple(value) if isinstance(value, list) else value for name, value in varied.items()}
         variation = Variation(**varied) if varied else None
-        physics = Physics(**data["physics"])
-        return cls(**{**data, "phases": tuple(phases), "physics": physics, "variation": variation})
+        made = {"phases": tuple(phases), "physics": Physics(**data["physics"]), "variation": variation}
+        if "contact_by" in data:
+            made["contact_by"] = cls.from_json(data["contact_by"])
+        return cls(**{**data, **made})
 
 
 @dataclass(frozen=True, eq=False)
@@ -396,8 +497,9 @@ class Schedule:
 
     Attributes:
         ends: step count at the end of each phase.
-        fraction: ``(closing_steps,)`` targets' way from pregrasp (0) to posture (1) during each step.
+        fraction: ``(total_steps,)`` way of the targets during each step, from 0 to 1 in each phase that moves them.
         acceleration: ``(total_steps, 3)`` field in the hand frame during each step, m/s2.
+        force: ``(total_steps, 3)`` force on the object during each step along its axes at the start, N.
         phase: ``(total_steps,)`` place of the phase that each step belongs to.
     """
 
@@ -405,6 +507,7 @@ class Schedule:
     ends: tuple[int, ...]
     fraction: Array
     acceleration: Array
+    force: Array
     phase: NDArray[np.intp]
 
     @property
@@ -421,6 +524,11 @@ class Schedule:
     def carry_begins(self) -> int:
         """Step count at which the last phase begins if it is steady, otherwise the total."""
         return self.ends[-2] if self.phases[-1].steady else self.ends[-1]
+
+    @property
+    def restarts(self) -> list[int]:
+        """Step counts at which a new attempt begins."""
+        return [end for end, phase in zip(self.ends, self.phases[1:], strict=False) if isinstance(phase, Close)]
 
     def lost(self, step: NDArray[np.int64]) -> NDArray[np.str_]:
         """Name the verdict of objects that were lost by a step count ``(k,)``."""
@@ -447,7 +555,30 @@ VARIED = replace(
     ),
 )
 """`HOLD`, each trial with a draw of its own of what a user with a camera and a real hand meets."""
-PROTOCOLS: Mapping[str, Protocol] = {protocol.name: protocol for protocol in (PAPER, HOLD, VARIED)}
+SIX_DIRECTIONS = Protocol(
+    "six-directions",
+    tuple(phase for way in DIRECTIONS for phase in (Close(0.4, 0.0), Squeeze(0.4), Push(way, 1.0, 2.0))),
+    overlap_m=0.010,
+    displacement_m=0.050,
+    turn_rad=math.radians(15.0),
+    physics=Physics(
+        friction=0.6,
+        torsional_friction_m=0.02,
+        contact_time_constant_s=0.0125,
+        noslip_iterations=2,
+        gain_factor=1.0,
+        gain_nm_per_rad=5.0,
+        force_limit_nm=3.0,
+        joint_friction_nm=0.01,
+        object_mass_kg=0.1,
+    ),
+    contact_by=HOLD,
+)
+"""The rule of DexGraspBench's force-closure setting, with the numbers of that project's branch ``main``.
+
+Contacts have two passes against slip, as there, and the mean time constant of its hand (5 ms) and objects (20 ms); the
+joints' dry friction is that of its Shadow Hand."""
+PROTOCOLS: Mapping[str, Protocol] = {each.name: each for each in (PAPER, HOLD, VARIED, SIX_DIRECTIONS)}
 """Every protocol by name."""
 
 

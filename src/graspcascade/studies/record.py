@@ -17,6 +17,8 @@ from ..core.protocols import Protocol
 KIND = "graspcascade evaluation"
 """Marks the JSON of an evaluation among other files."""
 SCHEMA_VERSION = 1
+_IF_ANY = ("pushed_out", "turned")
+"""Verdicts that files leave out where no trial ended so: few protocols give them, and earlier versions none."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,10 @@ class Tally:
         steady = [part.steady for part in parts if part.steady is not None]
         all_steady = sum(steady) if len(steady) == len(parts) else None
         return Tally(verdicts, sum(part.faithful for part in parts), steady=all_steady)
+
+    def written(self) -> dict[str, int]:
+        """Count by verdict as files do."""
+        return {name: count for name, count in self.verdicts.items() if count or name not in _IF_ANY}
 
     @property
     def n(self) -> int:
@@ -104,7 +110,7 @@ class Cell(Tally):
     def to_json(self) -> dict[str, Any]:
         """Describe names and counts."""
         steady = {} if self.steady is None else {"steady": self.steady}
-        counts = {"n": self.n, "held": self.held, "faithful": self.faithful, **steady, "verdicts": dict(self.verdicts)}
+        counts = {"n": self.n, "held": self.held, "faithful": self.faithful, **steady, "verdicts": self.written()}
         return {"grasp_type": self.grasp_type, "object": self.object_label, **counts}
 
 
@@ -187,9 +193,9 @@ class Evaluation:
             **({} if self.total.steady_rate is None else {"steady": self.total.steady_rate.to_json()}),
             "cells": [cell.to_json() for cell in self.cells],
             "verdicts": {
-                "overall": dict(self.total.verdicts),
-                "by_type": {name: dict(tally.verdicts) for name, tally in self.by_type.items()},
-                "by_object": {label: dict(tally.verdicts) for label, tally in self.by_object.items()},
+                "overall": self.total.written(),
+                "by_type": {name: tally.written() for name, tally in self.by_type.items()},
+                "by_object": {label: tally.written() for label, tally in self.by_object.items()},
             },
             "seed": self.seed,
             "per_cell": self.per_cell,
@@ -259,7 +265,7 @@ def is_evaluation(data: Any) -> bool:
 
 
 def _cell(data: Mapping[str, Any]) -> Cell:
-    verdicts = {name: int(data["verdicts"][name]) for name in VERDICTS}
+    verdicts = {name: int(data["verdicts"].get(name, 0)) for name in VERDICTS}
     steady = int(data["steady"]) if "steady" in data else None
     return Cell(verdicts, int(data["faithful"]), str(data["grasp_type"]), str(data["object"]), steady=steady)
 

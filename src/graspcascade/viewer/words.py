@@ -17,6 +17,8 @@ MEANING = {
     "missed": "thumb and a finger do not both touch it after closing",
     "shaken_out": "left the hand during the shake",
     "dropped": "left the hand under its weight",
+    "pushed_out": "pushed farther than allowed",
+    "turned": "turned farther than allowed",
     "unstable": "the simulation broke down",
 }
 RARE = 0.3

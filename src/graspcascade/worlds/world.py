@@ -74,7 +74,7 @@ def build_world(
         _remove_wrist(spec, hand)
     _remove_digits(spec, hand, without)
     hand_to_world(spec, hand)
-    _add_object(spec, obj, physics.density_factor)
+    _add_object(spec, obj, physics.density_factor, mass_kg=physics.object_mass_kg)
     slide, turn, roll = physics.friction, physics.torsional_friction_m, 0.0001
     contact = {"condim": 4, "solref": [physics.contact_time_constant_s, 1.0], "solimp": [0.9, 0.95, 0.001, 0.5, 2.0]}
     for geom in spec.geoms:
@@ -112,10 +112,14 @@ def _set_physics(spec: Any, physics: Physics) -> None:
     # A diverged state must stay visible instead of being reset to a healthy one.
     option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     for joint in spec.joints:
-        joint.frictionloss = 0.0
+        joint.frictionloss = physics.joint_friction_nm or 0.0
     for actuator in spec.actuators:
+        if physics.gain_nm_per_rad is not None:
+            actuator.gainprm[0], actuator.biasprm[1] = physics.gain_nm_per_rad, -physics.gain_nm_per_rad
         actuator.gainprm[0] *= physics.gain_factor
         actuator.biasprm[1] *= physics.gain_factor
+        if physics.force_limit_nm is not None:
+            actuator.forcelimited, actuator.forcerange = 1, [-physics.force_limit_nm, physics.force_limit_nm]
 
 
 def _remove_wrist(spec: Any, hand: Hand) -> None:
@@ -174,13 +178,15 @@ def object_geom(shape: Shape) -> tuple[Any, list[float]]:
     raise NotImplementedError(f"no geom for a {type(shape).__name__}")
 
 
-def _add_object(spec: Any, obj: GraspObject, density_factor: float, size_error_m: float = 0.0) -> None:
+def _add_object(
+    spec: Any, obj: GraspObject, density_factor: float, size_error_m: float = 0.0, mass_kg: float | None = None
+) -> None:
     body = spec.worldbody.add_body(name=OBJECT)
     body.add_freejoint(name=OBJECT)
     kind, size = object_geom(obj.shape)
     size = [half + size_error_m / 2 if half > 0.0 else half for half in size]
-    density = obj.density_kg_m3 * density_factor
-    body.add_geom(name=OBJECT, type=kind, size=size, density=density, rgba=[0.85, 0.45, 0.2, 1.0])
+    weight = {"density": obj.density_kg_m3 * density_factor} if mass_kg is None else {"mass": mass_kg * density_factor}
+    body.add_geom(name=OBJECT, type=kind, size=size, rgba=[0.85, 0.45, 0.2, 1.0], **weight)
 
 
 OBJECT_FIELDS: Mapping[str, str] = {
@@ -197,14 +203,17 @@ OBJECT_FIELDS: Mapping[str, str] = {
 
 
 @lru_cache(maxsize=4096)
-def object_fields(obj: GraspObject, density_factor: float, size_error_m: float = 0.0) -> Mapping[str, NDArray[Any]]:
+def object_fields(
+    obj: GraspObject, density_factor: float, size_error_m: float = 0.0, mass_kg: float | None = None
+) -> Mapping[str, NDArray[Any]]:
     """Compute the object's rows of `OBJECT_FIELDS`: of its body, of its geom, or of its six degrees of freedom.
 
     An object that floats alone has the same rows as in a world with a hand, and compiles in a fraction of the time.
-    One that is too small or too light for the engine is an InputError.
+    With a mass it weighs that, times the density factor, whatever its size. One that is too small or too light for the
+    engine is an InputError.
     """
     spec = mujoco.MjSpec()
-    _add_object(spec, obj, density_factor, size_error_m)
+    _add_object(spec, obj, density_factor, size_error_m, mass_kg)
     try:
         model = spec.compile()
     except ValueError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from math import gcd
 from threading import Event, Lock
 from typing import Any, ClassVar
@@ -16,7 +16,7 @@ from ...core.errors import InputError
 from ...core.grasps import Grasps
 from ...core.machine import processors
 from ...core.outcomes import Outcomes
-from ...core.poses import canonical_quat, quat_multiply, rotation_angle
+from ...core.poses import Pose, canonical_quat, quat_multiply, rotation_angle
 from ...core.protocols import Conditions, Protocol
 from ...hands import Hand
 from .. import Engine, Observer, Progress, check_trials, is_opposed
@@ -26,7 +26,7 @@ from .quiet import quiet_engine
 from .slots import SlotGroup, Slots, TrialSetup
 
 CHECK_STEPS = 5
-"""Most steps between two checks of the object during the shake, and always with an observer."""
+"""Most steps between two checks of the object during shake and pushes, and always with an observer or limited turns."""
 LONG_STRETCH = 25
 """Most steps between two checks while the hand closes and while the object carries its weight."""
 
@@ -95,13 +95,27 @@ class MujocoEngine(Engine):
                 return outcomes
             threads = self.n_threads if n_runners == 1 else 1
             slots = min(-(-self.n_slots // n_runners), len(rows))
-            mine = None if conditions is None else conditions[rows]
+            mine, some = None if conditions is None else conditions[rows], grasps[rows]
             try:
-                _Runner(self, grasps[rows], protocol, hand, mine, threads, slots, observe, outcomes).run(report, stop)
+                if protocol.contact_by is None:
+                    _Runner(self, some, protocol, hand, mine, threads, slots, observe, outcomes).run(report, stop)
+                    return outcomes
+                first = replace(protocol.contact_by, overlap_m=protocol.overlap_m)
+                about = None if mine is None else _errors_alone(mine, first)
+                _Runner(self, some, first, hand, about, threads, slots, None, outcomes, True).run(None, stop)
+                outcomes.duration_s[:] = 0.0
+                failed, closed = np.flatnonzero(~outcomes.held), np.flatnonzero(outcomes.held)
+                if report is not None and failed.size:
+                    report(len(failed))
+                tried = outcomes[closed]
+                about = None if mine is None else mine[closed]
+                see = None if observe is None else _renumbered(observe, closed)
+                if closed.size:
+                    _Runner(self, some[closed], protocol, hand, about, threads, slots, see, tried).run(report, stop)
+                return Outcomes.concatenate([outcomes[failed], tried])[np.argsort(np.concatenate([failed, closed]))]
             except BaseException:
                 stop.set()
                 raise
-            return outcomes
 
         with quiet_engine(), ThreadPoolExecutor(n_runners) as pool:
             try:
@@ -123,8 +137,23 @@ class _Counter:
             self._progress(decided)
 
 
+def _errors_alone(conditions: Conditions, protocol: Protocol) -> Conditions:
+    """Keep the errors of pose and size, and take the rest from another protocol's physics."""
+    errors = {part.name: getattr(conditions, part.name) for part in fields(conditions) if "_error_" in part.name}
+    return Conditions.of(protocol.physics, len(conditions), **errors)
+
+
+def _renumbered(observe: Observer, rows: NDArray[np.int64]) -> Observer:
+    """Let an observer see the trials of a part under their rows in the whole."""
+    return lambda trials, *seen: observe(rows[trials], *seen)
+
+
 class _Runner:
-    """Run trials in slots, one group with all digits and, where digits may be left out, groups without some."""
+    """Run trials in slots, one group with all digits and, where digits may be left out, groups without some.
+
+    With `until_closed`, trials end when the hand has closed, and are held unless they missed. Otherwise, if the
+    protocol has its contact found by another, `outcomes` says what that found.
+    """
 
     def __init__(
         self,
@@ -137,11 +166,14 @@ class _Runner:
         n_slots: int,
         observe: Observer | None,
         outcomes: Outcomes,
+        until_closed: bool = False,
     ) -> None:
+        self.until_closed, self.by_pose = until_closed, protocol.turn_rad is not None
         self.grasps, self.protocol, self.outcomes, self.observe = grasps, protocol, outcomes, observe
         self.hand, self.schedule = hand, protocol.schedule
         # A check must fall on the end of every phase, whatever the time step.
         check = gcd(CHECK_STEPS, *self.schedule.ends)
+        often = observe is not None or self.by_pose
 
         def group(*without: str) -> SlotGroup:
             return SlotGroup(
@@ -154,12 +186,12 @@ class _Runner:
                 without=without,
                 creep=engine.creep,
                 check_steps=check,
-                long_stretch=check if observe is not None else max(check, LONG_STRETCH // check * check),
+                long_stretch=check if often else max(check, LONG_STRETCH // check * check),
             )
 
         self.whole = group()
-        # With an observer, simulate all digits.
-        leave_out = engine.reduced and observe is None
+        # With an observer, simulate all digits; attempts that start again have no use for what closing saved.
+        leave_out = engine.reduced and not often and not until_closed
         self.without = [group(*digits) for digits in idle_sets(hand)] if leave_out else []
         self.finder = IdleFinder(self.whole.world, hand) if leave_out else None
         self.idle: dict[int, tuple[Idle, NDArray[np.float64]]] = {}
@@ -167,14 +199,18 @@ class _Runner:
         order = hand.columns_in(grasps.joint_names)
         self.to_grasps = np.argsort(order)
         self.pregrasp = hand.clip(grasps.pregrasp[:, order])
-        self.trials = TrialSetup(grasps, protocol, conditions)
-        self.start_m, self.start_quat = grasps.X_hand_object.position_m, grasps.X_hand_object.quat_wxyz
-        if conditions is not None:
-            self.start_m = self.start_m + conditions.position_error_m
+        start, posture = grasps.X_hand_object, grasps.posture[:, order]
+        contact = posture
+        if protocol.contact_by is not None:
+            contact, settled = outcomes.settled_posture[:, order], outcomes.X_hand_object_settled
+            start = Pose(settled.position_m.copy(), settled.quat_wxyz.copy())
+        elif conditions is not None:
             turn = conditions.rotation_error_quat_wxyz
-            self.start_quat = np.where(turn[:, :1] == 1.0, self.start_quat, quat_multiply(turn, self.start_quat))
+            quat = np.where(turn[:, :1] == 1.0, start.quat_wxyz, quat_multiply(turn, start.quat_wxyz))
+            start = Pose(start.position_m + conditions.position_error_m, quat)
+        self.trials = TrialSetup(grasps, start, protocol, conditions)
         for each in self.groups:
-            each.aim(self.pregrasp, grasps.posture[:, order], self.trials)
+            each.aim(self.pregrasp, contact, posture, trials=self.trials)
         self.n_slots = n_slots
 
     @property
@@ -219,8 +255,11 @@ class _Runner:
         group = self.whole
         group.take(slots, trials)
         group.qpos[slots[:, None], group.world.joint_qpos] = self.pregrasp[trials]
-        group.qpos[slots, group.object_position] = self.start_m[trials]
-        group.qpos[slots, group.object_quat] = self.start_quat[trials]
+        start = self.trials.X_hand_object
+        group.qpos[slots, group.object_position] = start.position_m[trials]
+        group.qpos[slots, group.object_quat] = start.quat_wxyz[trials]
+        if self.by_pose:
+            group.centre[slots] = start.position_m[trials]
         failed = slots[group.overlapping(slots)]
         self._decide(group, failed, np.full(len(failed), "overlap"))
         return len(failed)
@@ -237,6 +276,8 @@ class _Runner:
         broken = active[group.broken(active)]
         sound = np.setdiff1d(active, broken)
         self._decide(group, broken, np.full(len(broken), "unstable"))
+        if self.by_pose:
+            return np.concatenate([broken, self._judge_pose(sound)])
 
         missed = self._judge_closing(sound[group.step[sound] == closing]) if group is self.whole else sound[:0]
         held = sound[(group.step[sound] > closing) & (group.trial[sound] >= 0)]
@@ -251,6 +292,31 @@ class _Runner:
             self.outcomes.touching_end[group.trial[finished]] = touching & success[:, None]
             self._decide(group, finished, np.where(success, "held", "dropped"))
         return np.concatenate([broken, missed, gone, finished])
+
+    def _judge_pose(self, slots: Slots) -> Slots:
+        """Decide by how far objects are from where they started, and begin the next attempt where one has ended."""
+        group, outcomes = self.whole, self.outcomes
+        trials, limit = group.trial[slots], self.protocol.turn_rad
+        away = group.moved(slots)
+        start = self.trials.X_hand_object.quat_wxyz[trials]
+        turned = rotation_angle(start, canonical_quat(group.qpos[slots, group.object_quat]))
+        outcomes.displacement_m[trials] = np.fmax(outcomes.displacement_m[trials], away)
+        outcomes.turn_rad[trials] = np.fmax(outcomes.turn_rad[trials], turned)
+        out = away > self.protocol.displacement_m
+        assert limit is not None
+        failed = out | (turned > limit)
+        self._decide(group, slots[failed], np.where(out[failed], "pushed_out", "turned"))
+        kept = slots[~failed]
+        finished = kept[group.step[kept] >= self.schedule.total_steps]
+        if finished.size:
+            outcomes.touching_end[group.trial[finished]] = group.touching(finished)
+            self._decide(group, finished, np.full(len(finished), "held"))
+        again = kept[np.isin(group.step[kept], self.schedule.restarts)]
+        if again.size:
+            step = group.step[again]
+            self._load(again, group.trial[again])
+            group.step[again] = step
+        return np.concatenate([slots[failed], finished])
 
     def _judge_closing(self, slots: Slots) -> Slots:
         """Record the settled state of trials that just closed; return those that missed the object."""
@@ -269,6 +335,9 @@ class _Runner:
         opposed = is_opposed(touching, self.outcomes.digits)
         missed = slots[~opposed]
         self._decide(group, missed, np.full(len(missed), "missed"))
+        if self.until_closed:
+            self._decide(group, slots[opposed], np.full(opposed.sum(), "held"))
+            return slots
         self._leave_out_idle_digits(slots[opposed])
         return missed
 
@@ -314,11 +383,13 @@ class _Runner:
         trials = group.trial[slots]
         self.outcomes.verdict[trials] = verdicts
         self.outcomes.duration_s[trials] = group.step[slots] * self.protocol.physics.time_step_s
+        group.trial[slots] = -1
+        for trial in trials:
+            self.idle.pop(int(trial), None)
+        if self.by_pose:
+            return
         closed = group.step[slots] >= self.schedule.closing_steps
         self.outcomes.displacement_m[trials[closed]] = group.moved(slots)[closed]
         settled = self.outcomes.X_hand_object_settled.quat_wxyz[trials[closed]]
         now = canonical_quat(group.qpos[slots[closed], group.object_quat])
         self.outcomes.turn_rad[trials[closed]] = rotation_angle(settled, now)
-        group.trial[slots] = -1
-        for trial in trials:
-            self.idle.pop(int(trial), None)

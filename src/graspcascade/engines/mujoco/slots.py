@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from ...core.grasps import Grasps
 from ...core.objects import CATALOGUE, GraspObject
+from ...core.poses import Pose, rotate
 from ...core.protocols import Conditions, Protocol
 from ...hands import Hand
-from ...worlds.world import OBJECT_FIELDS, World, object_fields, object_rows, shared_world
+from ...worlds.world import OBJECT, OBJECT_FIELDS, World, object_fields, object_rows, shared_world
 from .creep import CreepProjection, CreepSkipper
 
 Slots = NDArray[np.int64]
@@ -31,14 +32,14 @@ class SlotGroup:
         reduced: see `worlds.world.build_world`.
         without: digits left out.
         creep: how the time under weight is abridged, None for not at all.
-        check_steps: most steps between two checks during the shake.
+        check_steps: most steps between two checks during the shake and pushes.
         long_stretch: most steps between two checks while the hand closes and while the object carries its weight.
 
     Attributes:
         world: the world of the first catalogue object; slots with another object differ in their fields.
         trial: ``(n_slots,)`` which trial a slot holds, -1 for none.
         step: ``(n_slots,)`` steps done.
-        centre: ``(n_slots, 3)`` where closing left the object's centre, NaN before.
+        centre: ``(n_slots, 3)`` where closing left the object's centre, NaN before; or what else it must stay near to.
         radius_m: ``(n_slots,)`` distance of the object's farthest point from its centre.
         cleared, slack_m: state when the clearance of left-out digits was last measured, and how far the object may move
             before it must be measured again.
@@ -62,11 +63,14 @@ class SlotGroup:
         # The shared model is always that of the same object, whatever the batch holds: results must not depend on it.
         self.world = shared_world(hand, next(iter(CATALOGUE.values())), protocol.physics, reduced, without)
         self.batch = Batch(self.world.model, nsim=n_slots, nthread=n_threads)
-        self._conditions = _ConditionFields(self.batch, self.world, hand, varied, reduced)
+        self._conditions = _ConditionFields(self.batch, self.world, hand, protocol, varied, reduced)
         self.qpos, self.qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         self.warmstart = self.batch.bind("qacc_warmstart")
         self.ctrl, self.sensors = self.batch.bind("ctrl"), self.batch.bind("sensordata")
         self.gravity, self._disabled = self.batch.expand("opt.gravity"), self.batch.expand("opt.disableflags")
+        self._ramps = np.array([phase.ramp for phase in self.schedule.phases])
+        self._pushes = self.batch.bind("xfrc_applied") if self.schedule.force.any() else None
+        self._body = int(self.world.model.body(OBJECT).id)
         self._sensors_on = int(self.world.model.opt.disableflags)
         self._sensors_off = self._sensors_on | int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
         self._disabled[:] = self._sensors_off
@@ -95,13 +99,11 @@ class SlotGroup:
         )
         self._shared: tuple[SlotGroup, _Addresses] | None = None
 
-    def aim(self, pregrasp: NDArray[np.float64], posture: NDArray[np.float64], trials: TrialSetup) -> None:
-        """Set what the hand closes from and to, ``(n, J)`` radians, and on what, for all trials to come."""
+    def aim(self, *ways: NDArray[np.float64], trials: TrialSetup) -> None:
+        """Set pregrasp, contact and posture, ``(n, J)`` radians each, and the objects, for all trials to come."""
         self._trials = trials
         low, high = self.world.control_range.T
-        self._control_from, self._control_to = (
-            np.clip(angles @ self.world.control_map, low, high) for angles in (pregrasp, posture)
-        )
+        self._targets = np.stack([np.clip(angles @ self.world.control_map, low, high) for angles in ways])
 
     @property
     def active(self) -> Slots:
@@ -121,7 +123,7 @@ class SlotGroup:
             fields = self._trials.object_fields(trial)
             self._conditions.write(slot, fields, self._trials.conditions, trial)
             self.radius_m[slot] = fields["geom_rbound"][0]
-        self.ctrl[slots] = self._control_from[trials]
+        self.ctrl[slots] = self._targets[0, trials]
         self.gravity[slots] = 0.0
         self.centre[slots] = np.nan
         self.step[slots] = 0
@@ -187,19 +189,23 @@ class SlotGroup:
     def advance(self, slots: Slots) -> None:
         """Step slots until their next check."""
         step = self.step[slots]
-        closing = step < self.schedule.closing_steps
+        ramped = self._ramps[self.schedule.phase[step]] >= 0
         carrying = step >= self.schedule.carry_begins
-        self._advance_closing(slots[closing])
-        self._advance_shaken(slots[~closing & ~carrying])
-        self._advance_carrying(slots[carrying & ~closing])
+        if self._pushes is not None:
+            start = self._trials.X_hand_object.quat_wxyz[self.trial[slots]]
+            self._pushes[slots, self._body, :3] = rotate(start, self.schedule.force[step])
+        self._advance_ramped(slots[ramped])
+        self._advance_shaken(slots[~ramped & ~carrying])
+        self._advance_carrying(slots[carrying & ~ramped])
 
-    def _advance_closing(self, slots: Slots) -> None:
-        ahead = np.minimum(self._long_stretch, self.schedule.closing_steps - self.step[slots])
+    def _advance_ramped(self, slots: Slots) -> None:
+        place = self.schedule.phase[self.step[slots]]
+        ahead = np.minimum(self._long_stretch, np.array(self.schedule.ends)[place] - self.step[slots])
         for count in np.unique(ahead):
-            some = slots[ahead == count]
+            some, ramp = slots[ahead == count], self._ramps[place[ahead == count]]
             trials = self.trial[some]
             fraction = self.schedule.fraction[self.step[some][:, None] + np.arange(count)][:, :, None]
-            start, end = self._control_from[trials][:, None], self._control_to[trials][:, None]
+            start, end = self._targets[ramp, trials][:, None], self._targets[ramp + 1, trials][:, None]
             controls = start + fraction * (end - start)
             self.batch.rollout(int(count), controls, int(mujoco.mjtState.mjSTATE_CTRL), record=(), ids=some)
         self.step[slots] += ahead
@@ -232,27 +238,26 @@ class SlotGroup:
 
 
 class TrialSetup:
-    """Hold what each trial of a run is made with: its object, and its conditions where they differ."""
+    """Hold what each trial of a run is made with: its object, where that starts, and conditions where they differ."""
 
-    def __init__(self, grasps: Grasps, protocol: Protocol, conditions: Conditions | None) -> None:
-        self.conditions = conditions
+    def __init__(self, grasps: Grasps, start: Pose, protocol: Protocol, conditions: Conditions | None) -> None:
+        self.X_hand_object, self.conditions = start, conditions
         self._objects: list[GraspObject] = [task.object for task in grasps.tasks.table]
         self._row = grasps.tasks.row
-        self._density_factor = protocol.physics.density_factor
+        self._physics = protocol.physics
 
     def object_fields(self, trial: int) -> Mapping[str, NDArray[Any]]:
         """Compute the fields of a trial's object (see `worlds.world.object_fields`)."""
-        obj = self._objects[self._row[trial]]
-        if self.conditions is None:
-            return object_fields(obj, self._density_factor)
-        about = self.conditions
-        return object_fields(obj, float(about.density_factor[trial]), float(about.size_error_m[trial]))
+        obj, about, mass_kg = self._objects[self._row[trial]], self.conditions, self._physics.object_mass_kg
+        if about is None:
+            return object_fields(obj, self._physics.density_factor, mass_kg=mass_kg)
+        return object_fields(obj, float(about.density_factor[trial]), float(about.size_error_m[trial]), mass_kg)
 
 
 class _ConditionFields:
     """Write a trial's object, friction and gains into a slot of the shared model."""
 
-    def __init__(self, batch: Batch, world: World, hand: Hand, varied: bool, reduced: bool) -> None:
+    def __init__(self, batch: Batch, world: World, hand: Hand, protocol: Protocol, varied: bool, reduced: bool) -> None:
         rows = object_rows(world.model)
         present = [name for name in OBJECT_FIELDS if rows[name].start < rows[name].stop]
         self._objects = [(name, batch.expand(name), rows[name]) for name in present]
@@ -263,7 +268,8 @@ class _ConditionFields:
         name, columns = ("pair_friction", slice(0, 2)) if reduced else ("geom_friction", slice(0, 1))
         self._friction, self._friction_columns = batch.expand(name), columns
         self._gain, self._bias = batch.expand("actuator_gainprm"), batch.expand("actuator_biasprm")
-        gains = {hand.prefix + actuator.name: actuator.gain_nm_per_rad for actuator in hand.actuators}
+        fixed = protocol.physics.gain_nm_per_rad
+        gains = {hand.prefix + each.name: fixed or each.gain_nm_per_rad for each in hand.actuators}
         self._own_gain = np.array([gains[world.model.actuator(number).name] for number in range(world.model.nu)])
 
     def write(self, slot: int, fields: Mapping[str, NDArray[Any]], about: Conditions | None, trial: int) -> None:
