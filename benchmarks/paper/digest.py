@@ -123,9 +123,7 @@ def compare(name: str, record: Mapping[str, Any]) -> list[str]:
     lines = []
     if columns := differing(grasp_columns(grasps), record["grasps"]):
         lines.append(f"columns of the grasps: {', '.join(columns)}")
-    # Turns were not yet measured when the others were recorded.
-    measured = {name: column for name, column in outcomes.columns().items() if name != "turn_rad"}
-    if columns := differing(measured, record["outcomes"]):
+    if columns := differing(outcomes.columns(), record["outcomes"]):
         lines.append(f"columns of the outcomes: {', '.join(columns)}")
     changed = sum(ours != theirs for ours, theirs in zip(letters(outcomes), record["verdicts"], strict=True))
     if changed:

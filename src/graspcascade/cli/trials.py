@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,16 @@ from ..core.files import write_json
 from ..core.grasps import Grasps
 from ..core.intervals import wilson
 from ..core.outcomes import STEADY_RAD, VERDICTS, Outcomes
-from ..core.protocols import as_protocol
+from ..core.protocols import Protocol, as_protocol
 from ..engines import as_engine
 from ..formats import GraspDocument, check_target, load_executable, save_grasps
 from ..hands import Hand, executing_hand, load_hand
+from ..proposals import Proposal
 from . import console
 from .console import EngineName, HandName, Json, ModelName, OwnHand, PriorFile, ProtocolName, Threads, Trust, Workers
+
+if TYPE_CHECKING:
+    from ..studies.sweep import Sweep
 
 
 @dataclass(frozen=True)
@@ -221,6 +226,9 @@ class Evaluate:
     """Seed of every draw."""
     out: Path | None = None
     """Folder for finished rounds and evaluation.json; the same command goes on where an earlier one stopped."""
+    sweep: tuple[str, ...] = ()
+    """Try the same grasps at several values of a condition, like friction=0.4:1.2 or mass=0.5,1,2; each of several in
+    turn. With --out, sweep.json and a picture are written."""
     threads: Threads = 0
     workers: Workers = 1
     json: Json = False
@@ -228,25 +236,21 @@ class Evaluate:
     def run(self) -> None:
         """Evaluate, then print."""
         from ..studies.evaluate import evaluate
+        from ..studies.sweep import Sweep
 
+        sweeps = [Sweep.read(text) for text in self.sweep]
         console.check_threads(threads=self.threads, workers=self.workers)
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         proposal = console.load_proposal(self.model, self.hand, self.prior)
         hand = executing_hand(proposal.hand, self.hand)
         cells = console.possible_cells(proposal, hand, "evaluate")
+        asked: dict[str, Any] = {"per_cell": self.per_cell, "seed": self.seed, "protocol": protocol, "hand": hand}
+        asked |= {"engine": engine, "workers": self.workers, "out": self.out, "cells": cells}
+        if sweeps:
+            self._sweep(sweeps, proposal, protocol, asked)
+            return
         with console.bar(f"trials of {proposal.name}") as progress:
-            evaluation = evaluate(
-                proposal,
-                per_cell=self.per_cell,
-                seed=self.seed,
-                protocol=protocol,
-                hand=hand,
-                engine=engine,
-                workers=self.workers,
-                out=self.out,
-                progress=progress.show,
-                cells=cells,
-            )
+            evaluation = evaluate(proposal, progress=progress.show, **asked)
         if self.json:
             console.print_json(evaluation.to_json())
             return
@@ -263,6 +267,31 @@ class Evaluate:
         headings = [name.replace("_", "\n") for name in evaluation.by_type]
         console.print_table(["object", *headings, "all\ntypes"], rows)
         _print_rates(evaluation.to_json())
+
+    def _sweep(self, sweeps: Sequence[Sweep], proposal: Proposal, protocol: Protocol, asked: dict[str, Any]) -> None:
+        from ..studies.sweep import PICTURE_FILE, sweep, sweep_to_json
+        from ..viewer.pictures import draw_sweep, need_matplotlib, save_png
+
+        with console.bar(f"trials of {proposal.name}") as progress:
+            points = sweep(proposal, sweeps, progress=progress.show, **asked)
+        document = console.plain(sweep_to_json(points, protocol))
+        if self.json:
+            console.print_json(document)
+        else:
+            rates = ("held", "faithful", "steady")
+            print(f"{proposal.name} under protocol {protocol.name}, {document['points'][0]['n']} trials of each value")
+            rows = [
+                [row["condition"], f"{row['value']:g}", *(console.interval(row[name]) for name in rates)]
+                for row in document["points"]
+            ]
+            console.print_table(["condition", "value", *rates], rows, left=(0,))
+        if self.out is not None:
+            try:
+                need_matplotlib()
+            except InputError as error:
+                console.say("evaluate", f"no picture is drawn: {error}")
+                return
+            save_png(draw_sweep(document), self.out / PICTURE_FILE)
 
 
 def _pair(tally: Any) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -242,6 +243,48 @@ def grid(rows: Sequence[Sequence[Image]], words: Sequence[str], size: tuple[floa
             place.set_axis_off()
         style = {"rotation": rotation, "ha": "right", "va": "center", "fontsize": 9, "color": INK}
         line[0].text(-0.03, 0.5, text, transform=line[0].transAxes, **style)
+    return figure
+
+
+_RATES: Mapping[str, tuple[str, str]] = {
+    "held": ("#2a78d6", "-"),
+    "faithful": ("#1c8a5a", "--"),
+    "steady": ("#d9742b", ":"),
+}
+"""Colour and line of each rate."""
+
+
+def draw_sweep(document: Mapping[str, Any]) -> Any:
+    """Draw the rates of a sweep with their 95 % intervals, one panel for each condition.
+
+    `document` is that of `studies.sweep.sweep_to_json`. Where matplotlib is missing it is an InputError.
+    """
+    conditions = document["conditions"]
+    figure = blank_figure(4.2 * len(conditions) + 0.4, 3.4)
+    for place, (name, about) in enumerate(conditions.items(), 1):
+        axes = figure.add_subplot(1, len(conditions), place)
+        rows = sorted((row for row in document["points"] if row["condition"] == name), key=lambda row: row["value"])
+        values = [row["value"] for row in rows]
+        for rate, (colour, line) in _RATES.items():
+            of_rate = [row[rate] for row in rows]
+            low, high = ([100 * one[end] for one in of_rate] for end in ("low", "high"))
+            axes.fill_between(values, low, high, color=colour, alpha=0.15, linewidth=0)
+            shares = [100 * one["rate"] for one in of_rate]
+            axes.plot(values, shares, line, color=colour, marker="o", markersize=4, label=rate)
+        if about["is_factor"] and len(values) > 1:
+            axes.set_xscale("log")
+            axes.set_xticks(values, [f"{value:g}" for value in values])
+            axes.minorticks_off()
+        axes.set_ylim(0, 102)
+        axes.set_xlabel(textwrap.fill(about["label"], 40), color=INK, fontsize=9)
+        axes.set_ylabel(f"% of {rows[0]['n']} trials", color=INK, fontsize=9)
+        axes.tick_params(colors=INK, labelsize=8)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(axis="y", color=FAINT, alpha=0.25, linewidth=0.6)
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    title = f"{document['model']} under protocol {document['protocol']['name']}"
+    figure.suptitle(title, color=INK, fontsize=10)
+    figure.tight_layout()
     return figure
 
 
