@@ -22,7 +22,7 @@ from graspcascade.core.grasps import Grasps
 from graspcascade.core.intervals import share
 from graspcascade.core.machine import versions
 from graspcascade.core.outcomes import Outcomes
-from graspcascade.core.protocols import PAPER
+from graspcascade.core.protocols import PAPER, as_protocol
 from graspcascade.core.taxonomy import GRASP_TYPES
 from graspcascade.core.yaml_files import dump_yaml
 from graspcascade.engines import run_trials
@@ -38,6 +38,8 @@ class Arguments:
     """The other hand's MJCF."""
     prefix: str = "rh_"
     """What it puts before names."""
+    protocol: str = PAPER.name
+    """Protocol of the trials."""
     per_cell: int = 50
     """Grasps for each object and type, of the heuristic (unscreened) and of the shipped cascade."""
     seed: int = 5
@@ -90,10 +92,11 @@ def main(arguments: Arguments) -> None:
     """Run the comparison and print it."""
     heuristic, shipped = shipped_heuristic(), GraspSampler.pretrained()
     hand, other = heuristic.hand, mesh_hand(arguments.mjcf, arguments.prefix)
+    protocol = as_protocol(arguments.protocol)
     all_grasps, types, size_differences = [], [], []
     for proposal in (heuristic, shipped):
         grasps = evaluation_grasps(proposal, arguments.per_cell, arguments.seed)
-        ours, theirs = run_trials(grasps), run_trials(grasps, hand=other)
+        ours, theirs = run_trials(grasps, protocol), run_trials(grasps, protocol, hand=other)
         all_grasps.append(compare(proposal.name, grasps, ours, theirs))
         for grasp_type in GRASP_TYPES:
             of_type = grasps.grasp_type == grasp_type
@@ -104,10 +107,10 @@ def main(arguments: Arguments) -> None:
     distances = surface_distances(other)
     result = {
         "title": "Primitive shapes against a mesh hand",
-        "description": "The same grasps under the paper protocol, executed in full with our primitive-shape hand and "
+        "description": f"The same grasps under protocol {protocol.name}, executed in full with our primitive-shape hand and "
         "with the mesh hand of the same make (MuJoCo Menagerie's, convex hulls of meshes at the fingertips). Those of "
         "the heuristic are not screened; the cascade has learned from trials with the primitive-shape hand alone.",
-        "protocol": PAPER.name,
+        "protocol": protocol.name,
         "seed": arguments.seed,
         "prior": heuristic.prior.fingerprint(),
         "weights": shipped.fingerprint(),
