@@ -107,9 +107,10 @@ def main(arguments: Arguments) -> None:
     distances = surface_distances(other)
     result = {
         "title": "Primitive shapes against a mesh hand",
-        "description": f"The same grasps under protocol {protocol.name}, executed in full with our primitive-shape hand and "
-        "with the mesh hand of the same make (MuJoCo Menagerie's, convex hulls of meshes at the fingertips). Those of "
-        "the heuristic are not screened; the cascade has learned from trials with the primitive-shape hand alone.",
+        "description": f"The same grasps under protocol {protocol.name}, executed in full with our primitive-shape "
+        "hand and with the mesh hand of the same make (MuJoCo Menagerie's, convex hulls of meshes at the fingertips). "
+        "Those of the heuristic are not screened; the cascade has learned from trials with the primitive-shape hand "
+        "alone.",
         "protocol": protocol.name,
         "seed": arguments.seed,
         "prior": heuristic.prior.fingerprint(),

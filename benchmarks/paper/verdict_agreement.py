@@ -3,6 +3,7 @@
 Example::
 
     python -m benchmarks.paper.verdict_agreement --out docs/results/verdict_agreement.json
+    python -m benchmarks.paper.verdict_agreement --protocol hold --out docs/results/verdict_agreement_hold.json
 """
 
 from __future__ import annotations
@@ -22,18 +23,17 @@ from graspcascade.core.grasps import Grasps
 from graspcascade.core.intervals import share
 from graspcascade.core.machine import versions
 from graspcascade.core.outcomes import Outcomes
-from graspcascade.core.protocols import PAPER
-from graspcascade.engines import run_trials
-from graspcascade.engines.mujoco.creep import FAST_FORWARD
+from graspcascade.core.protocols import PAPER, as_protocol
+from graspcascade.engines import as_engine, run_trials
 from graspcascade.proposals.cascade.sampler import GraspSampler
-
-FINE = PAPER.with_physics("paper, 1 ms", time_step_s=0.001)
 
 
 @dataclass(frozen=True)
 class Arguments:
     """Execute grasps several times."""
 
+    protocol: str = PAPER.name
+    """Protocol of the trials."""
     per_cell: int = 200
     """Grasps for each object and type, of the heuristic (as collected) and of the shipped cascade."""
     fine_per_cell: int = 20
@@ -63,7 +63,8 @@ def compare(name: str, way: str, grasps: Grasps, reference: Outcomes, other: Out
 def main(arguments: Arguments) -> None:
     """Run the comparisons and print them."""
     heuristic, shipped = shipped_heuristic(), GraspSampler.pretrained()
-    n, seed = arguments.per_cell, arguments.seed
+    n, seed, protocol = arguments.per_cell, arguments.seed, as_protocol(arguments.protocol)
+    fine = protocol.with_physics(f"{protocol.name}, 1 ms", time_step_s=0.001)
     sources: dict[str, Callable[[], Grasps]] = {
         "heuristic, screened": lambda: collection_grasps(heuristic, n, seed),
         shipped.name: lambda: evaluation_grasps(shipped, n, seed),
@@ -71,24 +72,25 @@ def main(arguments: Arguments) -> None:
     rows = []
     for name, draw in sources.items():
         grasps = draw()
-        full = run_trials(grasps)
-        rows.append(compare(name, "abridged as in a collection", grasps, full, run_trials(grasps, creep=FAST_FORWARD)))
+        full = run_trials(grasps, protocol)
+        abridged = run_trials(grasps, protocol, engine=as_engine().abridging(protocol))
+        rows.append(compare(name, "abridged as in a collection", grasps, full, abridged))
         print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
         some = np.flatnonzero(np.arange(len(grasps)) % n < arguments.fine_per_cell)
         part, outcomes = grasps[some], full[some]
         ways = {
-            "all digits, joints and pairs": partial(run_trials, part, reduced=False),
-            "steps of 1 ms": partial(run_trials, part, FINE),
+            "all digits, joints and pairs": partial(run_trials, part, protocol, reduced=False),
+            "steps of 1 ms": partial(run_trials, part, fine),
         }
         for way, execute in ways.items():
             rows.append(compare(name, way, part, outcomes, execute()))
             print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     result = {
         "title": "Agreement of verdicts",
-        "description": "The same grasps under the paper protocol: in full as an evaluation executes them, and in "
-        "another way. Agreement is the share of trials with the same verdict on held; false successes held only in "
+        "description": f"The same grasps under protocol {protocol.name}: in full as an evaluation executes them, and "
+        "in another way. Agreement is the share of trials with the same verdict on held; false successes held only in "
         "the other way.",
-        "protocol": PAPER.name,
+        "protocol": protocol.name,
         "seed": seed,
         "prior": heuristic.prior.fingerprint(),
         "weights": shipped.fingerprint(),

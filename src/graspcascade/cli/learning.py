@@ -159,7 +159,7 @@ class Collect:
                 self.spec,
                 self.out,
                 protocol=protocol,
-                engine=engine if self.full else engine.abridging(),
+                engine=engine if self.full else engine.abridging(protocol),
                 workers=self.workers,
                 progress=watch.round,
                 tick=watch.trials,

@@ -43,8 +43,8 @@ class Engine(ABC):
         """Make the same engine for one of several processes."""
         return self
 
-    def abridging(self) -> Engine:
-        """Make the same engine, abridging trials where it can, for data of which few verdicts may be wrong."""
+    def abridging(self, protocol: Protocol) -> Engine:
+        """Make the same engine, abridging a protocol's trials where it can, for data with few wrong verdicts."""
         return self
 
     @abstractmethod

@@ -147,7 +147,7 @@ def collect(
     if cells and not any(kind in proposal.grasp_types for _, kind in cells):
         possible = ", ".join(kind.name for kind in proposal.grasp_types) or "none"
         raise InputError(f"{hand.name} and the prior can make none of the types asked for. Possible types: {possible}.")
-    engine = as_engine().abridging() if engine is None else as_engine(engine)
+    engine = as_engine().abridging(protocol) if engine is None else as_engine(engine)
     identity = setting_of(hand, protocol, engine, cells) | {
         "prior": proposal.prior.fingerprint(),
         "creep_projection": engine.abridged,

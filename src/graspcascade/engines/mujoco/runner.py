@@ -21,6 +21,7 @@ from ...core.protocols import Conditions, Protocol
 from ...hands import Hand
 from .. import Engine, Observer, Progress, check_trials, is_opposed
 from .creep import FAST_FORWARD, CreepProjection
+from .hasten import HASTENED, Hastening
 from .idle import Idle, IdleFinder, idle_sets, object_moved
 from .quiet import quiet_engine
 from .slots import SlotGroup, Slots, TrialSetup
@@ -46,7 +47,7 @@ class MujocoEngine(Engine):
     n_threads: int = 0
     n_slots: int = 1024
     reduced: bool = True
-    creep: CreepProjection | None = None
+    creep: CreepProjection | Hastening | None = None
 
     @property
     def abridged(self) -> dict[str, Any] | None:  # noqa: D102 (of Engine)
@@ -55,8 +56,8 @@ class MujocoEngine(Engine):
     def on_one_thread(self) -> MujocoEngine:  # noqa: D102 (of Engine)
         return replace(self, n_threads=1)
 
-    def abridging(self) -> MujocoEngine:  # noqa: D102 (of Engine)
-        return replace(self, creep=FAST_FORWARD)
+    def abridging(self, protocol: Protocol) -> MujocoEngine:  # noqa: D102 (of Engine)
+        return replace(self, creep=HASTENED if protocol.physics.noslip_iterations else FAST_FORWARD)
 
     def run(
         self,
@@ -237,7 +238,7 @@ class _Runner:
                 progress(len(decided))
             if group is not self.whole:
                 self._bring_back(group)
-            group.skip_creep(group.active)
+            group.skip(group.active)
         return len(active)
 
     def _fill(self, queue: Iterator[int], progress: Progress | None) -> None:

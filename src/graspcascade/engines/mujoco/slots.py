@@ -17,6 +17,7 @@ from ...core.protocols import Conditions, Protocol
 from ...hands import Hand
 from ...worlds.world import OBJECT, OBJECT_FIELDS, World, object_fields, object_rows, shared_world
 from .creep import CreepProjection, CreepSkipper
+from .hasten import Hastener, Hastening
 
 Slots = NDArray[np.int64]
 _Addresses = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
@@ -55,7 +56,7 @@ class SlotGroup:
         varied: bool = False,
         reduced: bool = True,
         without: tuple[str, ...] = (),
-        creep: CreepProjection | None = None,
+        creep: CreepProjection | Hastening | None = None,
         check_steps: int,
         long_stretch: int,
     ) -> None:
@@ -83,20 +84,13 @@ class SlotGroup:
         self.cleared, self.slack_m = self.qpos.copy(), np.zeros(n_slots)
         start = self.world.object_qpos
         self.object_position, self.object_quat = slice(start, start + 3), slice(start + 3, start + 7)
-        self._skipper = (
-            None
-            if creep is None
-            else CreepSkipper(
-                creep,
-                time_step_s=protocol.physics.time_step_s,
-                stride=check_steps,
-                n_slots=n_slots,
-                first_step=self.schedule.carry_begins,
-                last_step=self.schedule.total_steps,
-                object_qpos=start,
-                n_qpos=self.qpos.shape[1],
-            )
-        )
+        self._skipper: CreepSkipper | Hastener | None = None
+        times: dict[str, Any] = {"time_step_s": protocol.physics.time_step_s, "stride": check_steps}
+        times |= {"first_step": self.schedule.carry_begins, "last_step": self.schedule.total_steps}
+        if isinstance(creep, Hastening):
+            self._skipper = Hastener(creep, self.world, hand, self.batch.expand("dof_damping"), **times)
+        elif creep is not None:
+            self._skipper = CreepSkipper(creep, n_slots=n_slots, object_qpos=start, n_qpos=self.qpos.shape[1], **times)
         self._shared: tuple[SlotGroup, _Addresses] | None = None
 
     def aim(self, *ways: NDArray[np.float64], trials: TrialSetup) -> None:
@@ -228,8 +222,8 @@ class SlotGroup:
             self.batch.step(ids=slots[ahead == count], nstep=int(count))
         self.step[slots] += ahead
 
-    def skip_creep(self, slots: Slots) -> None:
-        """Let states under weight skip along their creep where that is wanted and due."""
+    def skip(self, slots: Slots) -> None:
+        """Let trials under weight skip steps where that is wanted and due."""
         if self._skipper is None:
             return
         carrying = slots[self.step[slots] >= self.schedule.carry_begins]
