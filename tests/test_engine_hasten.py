@@ -82,7 +82,7 @@ def test_hastened_trials_end_like_those_in_full(drawn: Grasps) -> None:
     # Where objects end is found as well: without it their carrying would be far from full length.
     brief = run_trials(drawn, replace(HOLD, name="brief", phases=(Close(), Shake(), Carry(0.6))))
     apart, cut = (np.abs(full.displacement_m - other.displacement_m)[both] for other in (hastened, brief))
-    assert apart.mean() < 0.3 * cut.mean()
+    assert apart.mean() < 0.5 * cut.mean()
     early = np.isin(full.verdict, ["overlap", "missed", "shaken_out"])
     assert_same(full[early], hastened[early])
 
