@@ -60,6 +60,8 @@ class BenchSpec:
     """Timed calls for 1,000 grasps."""
     cold_starts: int = 7
     """Timed starts of the command line."""
+    protocol: str = "paper"
+    """Protocol of all trials."""
     training_rows: int = 270_000
     """Grasps to train on."""
     training_epochs: int = 3
@@ -75,7 +77,7 @@ class BenchSpec:
         """
         least = {"threads": 0, "seed": 0, "training_epochs": 2, "training_rows": 100}
         for name, value in asdict(self).items():
-            if name != "train_full" and value < least.get(name, 1):
+            if name not in ("train_full", "protocol") and value < least.get(name, 1):
                 raise InputError(f"{name.replace('_', '-')} must be at least {least.get(name, 1)}, got {value}")
 
 
@@ -163,7 +165,7 @@ class _Watch:
 def _trials(
     spec: BenchSpec, parts: Sequence[str], threads: int, cells: Sequence[Pair], watch: _Watch
 ) -> dict[str, Any]:
-    from graspcascade.core.protocols import PAPER
+    from graspcascade.core.protocols import as_protocol
     from graspcascade.proposals import Proposal
     from graspcascade.proposals.cascade.sampler import GraspSampler
     from graspcascade.studies.evaluate import ROUND_PER_CELL
@@ -171,24 +173,25 @@ def _trials(
 
     from .trials import STEPPING, RawEngine, collection, collection_round, evaluation, interleave
 
-    heuristic, cells = shipped_heuristic(), cells or CELLS
+    heuristic, cells, protocol = shipped_heuristic(), cells or CELLS, as_protocol(spec.protocol)
     per_cell = dict.fromkeys(TRIAL_PARTS, spec.evaluation_per_cell) | {"collection": spec.collection_per_cell}
     proposals: dict[str, Proposal] = {"evaluation_heuristic": heuristic}
     if "evaluation" in parts:
         proposals["evaluation"] = GraspSampler.pretrained()
 
     def engine(grasps: Grasps) -> Callable[[], float]:
-        own = RawEngine(heuristic.hand, grasps)
+        own = RawEngine(heuristic.hand, grasps, protocol)
         return lambda: own.measure(threads)
 
     workloads = {}
     if "collection" in parts:
         drawn = collection_grasps(heuristic, spec.raw_per_cell, spec.seed)
-        workloads["collection"] = engine(drawn), collection(heuristic, per_cell["collection"], spec.seed, threads)
+        collected = collection(heuristic, per_cell["collection"], spec.seed, threads, protocol)
+        workloads["collection"] = engine(drawn), collected
     for name, proposal in proposals.items():
         if name in parts:
             drawn = evaluation_grasps(proposal, spec.raw_per_cell, spec.seed, cells)
-            workloads[name] = engine(drawn), evaluation(proposal, per_cell[name], spec.seed, threads, cells)
+            workloads[name] = engine(drawn), evaluation(proposal, per_cell[name], spec.seed, threads, cells, protocol)
     measured: dict[str, Any] = {}
     if "raw" in parts:
         measure, values = engine(evaluation_grasps(heuristic, spec.raw_per_cell, spec.seed, cells)), []
@@ -202,7 +205,7 @@ def _trials(
         measured[name] = repeated.to_json(name) | {
             "round_per_cell": min(rounds, per_cell[name]),
             "raw_trials": spec.raw_per_cell * len(CELLS if name == "collection" else cells),
-            "steps_per_trial": PAPER.schedule.total_steps,
+            "steps_per_trial": protocol.schedule.total_steps,
         }
     if "collection" in workloads:
         measured["collection"]["peak_rss_mb"] = repeated.peak_rss_mb["collection"]

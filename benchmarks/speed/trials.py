@@ -20,7 +20,6 @@ from benchmarks.common import Spread
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.machine import peak_rss_mb
 from graspcascade.core.protocols import PAPER, Protocol
-from graspcascade.engines.mujoco.creep import FAST_FORWARD
 from graspcascade.engines.mujoco.runner import MujocoEngine
 from graspcascade.hands import Hand
 from graspcascade.proposals import Proposal
@@ -226,10 +225,10 @@ def collection_round(per_cell: int) -> int:
     return min(per_cell, CollectionSpec.round_per_cell)
 
 
-def collection(heuristic: Heuristic, per_cell: int, seed: int, n_threads: int) -> Workload:
+def collection(heuristic: Heuristic, per_cell: int, seed: int, n_threads: int, protocol: Protocol = PAPER) -> Workload:
     """Make the workload of a collection into a folder that is removed: drawn, screened, simulated, written."""
     spec = CollectionSpec(per_cell, round_per_cell=collection_round(per_cell), seed=seed)
-    engine = MujocoEngine(n_threads, creep=FAST_FORWARD)
+    engine = MujocoEngine(n_threads).abridging(protocol)
     total = per_cell * len(CELLS)
 
     def run(tell: Tell) -> Count:
@@ -241,13 +240,20 @@ def collection(heuristic: Heuristic, per_cell: int, seed: int, n_threads: int) -
             tell(_of(decided, total))
 
         with tempfile.TemporaryDirectory(prefix="graspcascade-bench-") as folder:
-            state = collect(heuristic, spec, Path(folder) / "data", engine=engine, tick=tick)
+            state = collect(heuristic, spec, Path(folder) / "data", protocol=protocol, engine=engine, tick=tick)
         return Count(int(state.trials.sum()), int(state.held.sum()))
 
     return run
 
 
-def evaluation(proposal: Proposal, per_cell: int, seed: int, n_threads: int, cells: Sequence[Pair] = CELLS) -> Workload:
+def evaluation(
+    proposal: Proposal,
+    per_cell: int,
+    seed: int,
+    n_threads: int,
+    cells: Sequence[Pair] = CELLS,
+    protocol: Protocol = PAPER,
+) -> Workload:
     """Make the workload of an evaluation under the full protocol, which computes every step that may matter."""
 
     def run(tell: Tell) -> Count:
@@ -255,6 +261,7 @@ def evaluation(proposal: Proposal, per_cell: int, seed: int, n_threads: int, cel
             proposal,
             per_cell=per_cell,
             seed=seed,
+            protocol=protocol,
             engine=MujocoEngine(n_threads),
             cells=cells,
             progress=lambda done, total: tell(_of(done, total)),
