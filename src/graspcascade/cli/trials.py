@@ -61,7 +61,7 @@ class Trial:
         conditions = protocol.conditions(len(grasps), self.seed)
         with console.bar("trials", len(grasps)) as progress:
             outcomes = engine.run(hand, grasps, protocol, conditions, progress=progress.advance)
-        report = console.plain(_report(grasps, outcomes, protocol.name, document.metadata.get("model")))
+        report = console.plain(_report(grasps, outcomes, protocol.name, self.engine, document.metadata.get("model")))
         if self.out is not None:
             write_json(self.out, report, allow_nan=False)
         console.print_json(report) if self.json else _print_report(report)
@@ -136,7 +136,8 @@ class Verify:
                 workers=self.workers,
                 progress=progress.advance,
             )
-        about: dict[str, Any] = {"protocol": verified.protocol, "draws": self.draws, "seed": self.seed}
+        about: dict[str, Any] = {"protocol": verified.protocol, "engine": self.engine}
+        about |= {"draws": self.draws, "seed": self.seed}
         grasps, tried = verified.grasps, {name: getattr(verified, name) for name in ("held", "faithful", "steady")}
         rates = {name: float(flags.mean()) for name, flags in tried.items()}
         if self.json:
@@ -148,7 +149,8 @@ class Verify:
         else:
             self._print(grasps, verified.held.sum(axis=1).tolist())
             shares = ", ".join(f"{name} {rate:.1%}" for name, rate in rates.items())
-            print(f"protocol {verified.protocol}, {n} grasps tried {self.draws} times each: {shares}")
+            tried_in = f"protocol {verified.protocol}, engine {self.engine}"
+            print(f"{tried_in}, {n} grasps tried {self.draws} times each: {shares}")
         if self.out is not None:
             kept = np.full(n, True) if self.keep is None else grasps.probability >= self.keep
             about |= {} if self.keep is None else {"kept_from": self.keep, "of": n}
@@ -163,7 +165,7 @@ class Verify:
         console.print_table(["#", "type", "object", "side", "held", "chance"], rows, left=(0, 1, 2, 3))
 
 
-def _report(grasps: Grasps, outcomes: Outcomes, protocol_name: str, model: object) -> dict[str, Any]:
+def _report(grasps: Grasps, outcomes: Outcomes, protocol: str, engine: str, model: object) -> dict[str, Any]:
     held, faithful, places = outcomes.held, outcomes.faithful(grasps), np.array(outcomes.touch_columns)
     columns: dict[str, Any] = {"grasp_type": grasps.grasp_type, "object": grasps.object_name}
     columns |= {"side_axis": grasps.side_axis, "verdict": outcomes.verdict, "held": held, "faithful": faithful}
@@ -173,7 +175,7 @@ def _report(grasps: Grasps, outcomes: Outcomes, protocol_name: str, model: objec
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*(c.tolist() for c in columns.values()), strict=True)]
     for row in rows:
         row |= {name: places[row[name]].tolist() for name in ("touching_closed", "touching_end")}
-    report = {"protocol": protocol_name, "model": model, "n": len(grasps)}
+    report = {"protocol": protocol, "engine": engine, "model": model, "n": len(grasps)}
     report |= {name: wilson(int(columns[name].sum()), len(grasps)).to_json() for name in ("held", "faithful", "steady")}
     verdicts = {verdict: int((outcomes.verdict == verdict).sum()) for verdict in VERDICTS}
     return report | {"verdicts": verdicts, "grasps": rows}
@@ -195,7 +197,8 @@ def _print_report(report: dict[str, Any]) -> None:
 def _print_rates(report: dict[str, Any]) -> None:
     verdicts = report["verdicts"].get("overall", report["verdicts"])
     print(", ".join(f"{count} {verdict}" for verdict, count in verdicts.items() if count))
-    print(f"protocol {report['protocol']}, {report['n']} trials: held {console.interval(report['held'])}")
+    tried_in = f"protocol {report['protocol']}, engine {report['engine']}"
+    print(f"{tried_in}, {report['n']} trials: held {console.interval(report['held'])}")
     print(f"held and type-faithful {console.interval(report['faithful'])}")
     if "steady" in report:
         print(f"held and turned by less than {math.degrees(STEADY_RAD):g} degrees {console.interval(report['steady'])}")
@@ -257,7 +260,7 @@ class Evaluate:
         rows.append(["all objects", *map(_pair, evaluation.by_type.values()), _pair(evaluation.total)])
         headings = [name.replace("_", "\n") for name in evaluation.by_type]
         console.print_table(["object", *headings, "all\ntypes"], rows)
-        _print_rates(evaluation.to_json())
+        _print_rates(evaluation.to_json() | {"engine": self.engine})
 
 
 def _pair(tally: Any) -> str:

@@ -51,6 +51,10 @@ class MujocoEngine:
     def abridged(self) -> dict[str, Any] | None:  # noqa: D102 (of Engine)
         return None if self.creep is None else asdict(self.creep)
 
+    @property
+    def versions(self) -> dict[str, str]:  # noqa: D102 (of Engine)
+        return {}
+
     def on_one_thread(self) -> MujocoEngine:  # noqa: D102 (of Engine)
         return replace(self, n_threads=1)
 
