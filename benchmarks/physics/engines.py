@@ -8,8 +8,8 @@ Example::
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import command, publish, shipped_heuristic
+from benchmarks.paper.markdown import rate, table
+from graspcascade.core.files import read_json
 from graspcascade.core.grasps import Grasps
-from graspcascade.core.intervals import newcombe, share
+from graspcascade.core.intervals import Interval, newcombe, share
 from graspcascade.core.machine import versions
 from graspcascade.core.outcomes import Outcomes
 from graspcascade.core.protocols import HOLD, VARIED, Protocol
@@ -31,6 +33,18 @@ from graspcascade.studies.evaluate import evaluate
 
 _PER_ROUND = 5
 """Grasps of a cell in one evaluation, which is all that an interruption can lose."""
+
+
+SOFT_N_M = 3000.0
+"""Stiffness of soft contacts in PhysX: about that of MuJoCo's between a fingertip and a small object."""
+CHANGES: tuple[tuple[str, Protocol], ...] = (
+    ("physx", HOLD),
+    ("physx, soft contacts", HOLD),
+    ("physx", HOLD.with_physics("hold, no torsional friction", torsional_friction_m=0.0)),
+    ("mujoco", HOLD.with_physics("hold, half the time step", time_step_s=0.002)),
+    ("mujoco", HOLD.with_physics("hold, friction 0.7", friction=0.7)),
+)
+"""Engines and protocols in which one thing is changed."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +64,7 @@ class Arguments:
 def main(arguments: Arguments) -> None:
     """Execute what is not yet done, and compare."""
     engines: dict[str, Engine] = {"mujoco": as_engine("mujoco", n_threads=1), "physx": as_engine("physx")}
+    others = engines | {"physx, soft contacts": as_engine("physx", contact_stiffness_n_m=SOFT_N_M)}
     rounds = [
         (proposal, protocol, seed)
         for seed in range(arguments.per_cell // _PER_ROUND)
@@ -61,14 +76,36 @@ def main(arguments: Arguments) -> None:
         folder = arguments.work / proposal.name / protocol.name / str(seed)
         both = [_tried(proposal, protocol, seed, engine, folder / name, arguments) for name, engine in engines.items()]
         tried.setdefault((proposal.name, protocol.name), []).append((both[0], both[1]))
+    changed = []
+    for proposal in (shipped_heuristic(), GraspSampler.pretrained()):
+        first, second = (pair.outcomes.held for pair in tried[proposal.name, HOLD.name][0])
+        for name, protocol in CHANGES:
+            folder = arguments.work / proposal.name / protocol.name / "0" / name
+            held = _tried(proposal, protocol, 0, others[name], folder, arguments).outcomes.held
+            changed.append(
+                {
+                    "grasps": proposal.name,
+                    "engine": name,
+                    "protocol": protocol.name,
+                    "n": len(held),
+                    "held": share(held).to_json(),
+                    "agreement with mujoco": share(held == first).to_json(),
+                    "held of those in mujoco alone": share(held[first & ~second]).to_json(),
+                    "held of those in both": share(held[first & second]).to_json(),
+                }
+            )
     publish(
         {
             "title": "The same grasps in MuJoCo and PhysX",
             "description": "The same grasps, with the same draws of what a protocol varies, in both engines. Agreement "
             "is the share of trials with the same answer to whether the grasp held; differences are in points, PhysX "
-            "over MuJoCo, with 95 % intervals.",
+            "over MuJoCo, with 95 % intervals. *Changed*: some of the grasps once more, one thing being different, "
+            "compared with MuJoCo under `hold` as it is.",
             "versions": versions() | engines["physx"].versions,
+            "file_only": ["differing"],
             "comparisons": [row for (name, protocol), parts in tried.items() for row in compare(name, protocol, parts)],
+            "changed": changed,
+            "differing": [row for (name, protocol), parts in tried.items() for row in differing(name, protocol, parts)],
         },
         arguments.out,
     )
@@ -107,26 +144,97 @@ def _row(
 ) -> dict[str, Any]:
     n, held, also = int(rows.sum()), first.held[rows], other.held[rows]
     more = newcombe(int(also.sum()), n, int(held.sum()), n)
-    pairs, counts = np.unique(np.stack([first.verdict[rows], other.verdict[rows]], axis=1), axis=0, return_counts=True)
+    columns = {
+        "held": (held, also),
+        "faithful": (first.faithful(grasps)[rows], other.faithful(grasps)[rows]),
+        "steady": (first.steady[rows], other.steady[rows]),
+    }
     return {
         "grasps": name,
         "protocol": protocol,
         "type": kind,
         "n": n,
-        "held": {"mujoco": share(held).to_json(), "physx": share(also).to_json()},
-        "faithful": {
-            "mujoco": share(first.faithful(grasps)[rows]).to_json(),
-            "physx": share(other.faithful(grasps)[rows]).to_json(),
+        **{
+            f"{what} in {engine}": share(flags).to_json()
+            for what, both in columns.items()
+            for engine, flags in zip(("mujoco", "physx"), both, strict=True)
         },
-        "steady": {"mujoco": share(first.steady[rows]).to_json(), "physx": share(other.steady[rows]).to_json()},
-        "held, points": [100 * value for value in (more.difference, more.low, more.high)],
+        "points": {key: 100 * value for key, value in asdict(more).items()},
         "agreement": share(held == also).to_json(),
-        "differing verdicts": {
-            f"{mine}, {theirs}": count
-            for (mine, theirs), count in zip(pairs.tolist(), counts.tolist(), strict=True)
-            if mine != theirs
-        },
+        "only in mujoco": int((held & ~also).sum()),
+        "only in physx": int((also & ~held).sum()),
     }
+
+
+def differing(name: str, protocol: str, parts: list[tuple[Dataset, Dataset]]) -> Iterator[dict[str, Any]]:
+    """List the trials that held in one engine alone, with what became of them in each."""
+    for seed, pair in enumerate(parts):
+        grasps, (mine, theirs) = pair[0].grasps, (dataset.outcomes for dataset in pair)
+        for row in np.flatnonzero(mine.held != theirs.held).tolist():
+            trial = {"grasps": name, "protocol": protocol, "seed": seed, "row": row}
+            trial |= {"type": str(grasps.grasp_type[row]), "object": str(grasps.object_name[row])}
+            for engine, outcomes in (("mujoco", mine), ("physx", theirs)):
+                numbers = {"s": outcomes.duration_s[row], "turned": outcomes.turn_rad[row]}
+                rounded = {key: None if np.isnan(value) else round(float(value), 3) for key, value in numbers.items()}
+                trial[engine] = {"verdict": str(outcomes.verdict[row]), **rounded}
+            yield trial
+
+
+def page_blocks(folder: Path) -> dict[str, Callable[[], str]]:
+    """Name what writes each block of the page of protocols, from the JSON file in a folder of results."""
+    data = read_json(folder / "engines.json")
+    return {
+        "engines": lambda: _rates(data["comparisons"]),
+        "engine types": lambda: _types(data["comparisons"]),
+        "engines changed": lambda: _changes(data["changed"]),
+    }
+
+
+def _rates(rows: Sequence[dict[str, Any]]) -> str:
+    header = ("grasps of", "protocol", "trials", "held in MuJoCo, %", "in PhysX, %", "points", "same answer, %")
+    return table(
+        header,
+        [
+            (
+                row["grasps"],
+                f"`{row['protocol']}`",
+                str(row["n"]),
+                _percent(row["held in mujoco"]),
+                _percent(row["held in physx"]),
+                "{difference:+.1f} [{low:+.1f}, {high:+.1f}]".format(**row["points"]),
+                _percent(row["agreement"]),
+            )
+            for row in rows
+            if row["type"] == "all"
+        ],
+        text_columns=2,
+    )
+
+
+def _types(rows: Sequence[dict[str, Any]]) -> str:
+    kinds: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        if row["type"] != "all":
+            kinds.setdefault(row["type"], []).append(row)
+    names = [f"{row['grasps']}, `{row['protocol']}`" for row in next(iter(kinds.values()))]
+    cells = [
+        (f"`{kind}`", *(f"{100 * row['agreement']['rate']:.1f} ({row['points']['difference']:+.1f})" for row in each))
+        for kind, each in kinds.items()
+    ]
+    return table(("type", *names), cells)
+
+
+def _changes(rows: Sequence[dict[str, Any]]) -> str:
+    columns = ("held", "agreement with mujoco", "held of those in mujoco alone", "held of those in both")
+    header = ("grasps of", "executed in", "protocol", "held, %", "as MuJoCo, %", "of MuJoCo alone, %", "of both, %")
+    cells = [
+        (row["grasps"], row["engine"], row["protocol"], *(_percent(row[name]) for name in columns)) for row in rows
+    ]
+    return table(header, cells, text_columns=3)
+
+
+def _percent(of: dict[str, float]) -> str:
+    return rate(Interval(of["rate"], of["low"], of["high"])).replace(" %", "")
 
 
 if __name__ == "__main__":

@@ -359,7 +359,12 @@ class Protocol(_Numbers):
 
     def to_json(self) -> dict[str, Any]:
         """Describe name, phases, criterion and physics as plain data."""
-        return asdict(self) | {"phases": [{"phase": phase.kind} | asdict(phase) for phase in self.phases]}
+        data = asdict(self) | {"phases": [{"phase": phase.kind} | asdict(phase) for phase in self.phases]}
+        if self.variation is not None:
+            # Bounds as lists, as they come back from a file: records are compared.
+            varied = asdict(self.variation).items()
+            data["variation"] = {name: list(value) if isinstance(value, tuple) else value for name, value in varied}
+        return data
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Protocol:

@@ -36,16 +36,20 @@ class PhysxEngine:
 
     Attributes:
         n_threads: 0 or 1: trials run one at a time, and only processes run side by side.
+        contact_stiffness_n_m: stiffness of contacts in N/m; None for rigid ones, as every quoted rate has them.
 
     Raises:
-        InputError: PhysX is not installed, or more threads are asked for.
+        InputError: PhysX is not installed, more threads are asked for, or contacts without stiffness.
     """
 
     n_threads: int = 1
+    contact_stiffness_n_m: float | None = None
 
     def __post_init__(self) -> None:
         if self.n_threads not in (0, 1):
             raise InputError(f"engine physx has one thread, got {self.n_threads}; several processes run side by side")
+        if self.contact_stiffness_n_m is not None and not 0.0 < self.contact_stiffness_n_m < np.inf:
+            raise InputError(f"contacts need a stiffness above 0 N/m, got {self.contact_stiffness_n_m}")
         load_sapien()
 
     @property
@@ -54,7 +58,9 @@ class PhysxEngine:
 
     @property
     def versions(self) -> dict[str, str]:  # noqa: D102 (of Engine)
-        return {"sapien": version("sapien")}
+        stiffness = self.contact_stiffness_n_m
+        soft = {} if stiffness is None else {"contact_stiffness_n_m": str(stiffness)}
+        return {"sapien": version("sapien")} | soft
 
     def on_one_thread(self) -> PhysxEngine:  # noqa: D102 (of Engine)
         return self
@@ -81,7 +87,7 @@ class PhysxEngine:
         if conditions is None and protocol.variation is not None:
             raise InputError(f"protocol {protocol.name} varies: give the conditions, protocol.conditions(n)")
         check_trials(grasps, hand, conditions)
-        runner = _Runner(hand, grasps, protocol, conditions, observe)
+        runner = _Runner(self, hand, grasps, protocol, conditions, observe)
         for trial in range(len(grasps)):
             runner.run(trial)
             if progress is not None:
@@ -94,12 +100,14 @@ class _Runner:
 
     def __init__(
         self,
+        engine: PhysxEngine,
         hand: Hand,
         grasps: Grasps,
         protocol: Protocol,
         conditions: Conditions | None,
         observe: Observer | None,
     ) -> None:
+        self.engine = engine
         self.hand, self.protocol, self.observe = hand, protocol, observe
         self.outcomes = Outcomes.blank(len(grasps), len(hand.joint_names), tuple(hand.digits))
         self.world = shared_world(hand, next(iter(CATALOGUE.values())), protocol.physics, True)
@@ -116,7 +124,6 @@ class _Runner:
         self.start_m = pose.position_m + self.conditions.position_error_m
         self.start_quat = quat_multiply(turn, pose.quat_wxyz)
         self.check = gcd(CHECK_STEPS, *protocol.schedule.ends)
-        self.column = _columns(hand, self.world.model)
         # Overlap is a matter of geometry: MuJoCo's measure of it is exact and the same for both engines.
         self.measured = copy.copy(self.world.model)
         self.measuring = mujoco.MjData(self.measured)
@@ -138,6 +145,7 @@ class _Runner:
             fields,
             friction=float(about.friction[trial]),
             gain_factor=float(about.gain_factor[trial]) / physics.gain_factor,
+            contact_stiffness_n_m=self.engine.contact_stiffness_n_m,
             gravity=schedule.acceleration[-1],
         )
         scene.place(self.pregrasp[trial], self.start_m[trial], self.start_quat[trial])
@@ -158,9 +166,9 @@ class _Runner:
             elif settled is not None and np.linalg.norm(pose[:3] - settled[:3]) > self.protocol.displacement_m:
                 verdict = str(schedule.lost(np.array([step]))[0])
             elif step == schedule.total_steps:
-                touching = self._touching(scene)
-                verdict = "held" if is_opposed(touching, outcomes.digits)[0] else "dropped"
-                outcomes.touching_end[trial] = touching[0] & (verdict == "held")
+                touching = scene.touching()
+                verdict = "held" if is_opposed(touching[None], outcomes.digits)[0] else "dropped"
+                outcomes.touching_end[trial] = touching & (verdict == "held")
             if verdict is not None:
                 break
         outcomes.verdict[trial] = verdict
@@ -171,13 +179,13 @@ class _Runner:
 
     def _judge_closing(self, scene: Scene, trial: int, pose: NDArray[np.float64]) -> str | None:
         """Record the settled state; name the verdict if the trial ends here."""
-        outcomes, angles, touching = self.outcomes, scene.angles, self._touching(scene)
-        outcomes.touching_closed[trial] = touching[0]
+        outcomes, angles, touching = self.outcomes, scene.angles, scene.touching()
+        outcomes.touching_closed[trial] = touching
         outcomes.settled_posture[trial] = angles[self.to_grasps]
         outcomes.object_size_m[trial] = self.hand.tip_distance(angles)[0]
         outcomes.X_hand_object_settled.position_m[trial] = pose[:3]
         outcomes.X_hand_object_settled.quat_wxyz[trial] = canonical_quat(pose[3:])
-        return None if is_opposed(touching, outcomes.digits)[0] else "missed"
+        return None if is_opposed(touching[None], outcomes.digits)[0] else "missed"
 
     def _overlap_m(self, trial: int, fields: Any) -> float:
         model, data = self.measured, self.measuring
@@ -190,23 +198,5 @@ class _Runner:
         mujoco.mj_forward(model, data)
         return -float(data.sensordata[sensor + 1]) if data.sensordata[sensor] > 0 else 0.0
 
-    def _touching(self, scene: Scene) -> NDArray[np.bool_]:
-        """Tell what touches the object ``(1, D + 1)``."""
-        touching = np.zeros((1, len(self.outcomes.touch_columns)), dtype=bool)
-        touching[0, [self.column[name] for name in scene.touching() if name in self.column]] = True
-        return touching
-
     def _show(self, observe: Observer, scene: Scene, trial: int, step: int, pose: NDArray[np.float64]) -> None:
         observe(np.array([trial]), np.array([step]), scene.angles[None, self.to_grasps], pose[None])
-
-
-def _columns(hand: Hand, model: Any) -> dict[str, int]:
-    """Find the column of `Outcomes.touch_columns` that contacts of a body count in, by the body's name."""
-    column = dict.fromkeys([hand.prefix + name for name in hand.palm_bodies], len(hand.digits))
-    roots = {hand.prefix + digit.root: place for place, digit in enumerate(hand.digits.values())}
-    for body in range(1, model.nbody):  # parents come before their children
-        name, parent = model.body(body).name, model.body(model.body_parentid[body]).name
-        place = roots.get(name, column.get(parent, len(hand.digits)))
-        if place < len(hand.digits):
-            column[name] = place
-    return column

@@ -53,12 +53,13 @@ class Scene:
     Every trial has a scene of its own, so that none can see what another left behind.
 
     Args:
-        world: the world to convert; its object only lends its place.
+        world: the world to convert, but for its object.
         hand: the hand of that world.
         physics: time step and torsional friction.
         object_fields: the object (see `worlds.world.object_fields`).
         friction: coefficient of every contact.
         gain_factor: position gains as a multiple of the world's.
+        contact_stiffness_n_m: force by which contacts resist a metre of penetration, None for rigid ones.
         gravity: acceleration that `step` finds ready when it is given the same, m/s2; others take longer.
 
     Raises:
@@ -74,6 +75,7 @@ class Scene:
         *,
         friction: float,
         gain_factor: float = 1.0,
+        contact_stiffness_n_m: float | None = None,
         gravity: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         self._sapien = load_sapien()
@@ -87,50 +89,56 @@ class Scene:
         self._system.timestep = physics.time_step_s
         self._scene = self._sapien.Scene([self._system])
         # PhysX takes the mean friction of two shapes, MuJoCo the greater: with one material they are the same.
-        self._material = self._physx.PhysxMaterial(friction, friction, 0.0)
+        # PhysX takes a negative restitution for the stiffness of a compliant contact.
+        self._material = self._physx.PhysxMaterial(friction, friction, -(contact_stiffness_n_m or 0.0))
         # MuJoCo's torque at slip is the force times a length, PhysX's also times the friction.
         self._patch_radius = physics.torsional_friction_m / friction if friction > 0.0 else 0.0
 
-        self._links: dict[int, Any] = {}
-        self._add_hand(world, hand, physics.time_step_s)
+        self._add_hand(hand)
         self._object = self._physx.PhysxRigidDynamicComponent()
         self._add_object(object_fields)
-        self._articulation = next(iter(self._links.values())).articulation
-        self._drive(world, gain_factor)
-        self._forced = [(body, float(body.mass)) for body in (*self._links.values(), self._object)]
+        self._articulation = next(iter(self.links.values())).articulation
+        self._drive(gain_factor)
+        self._forced = [(body, float(body.mass)) for body in (*self.links.values(), self._object)]
         self._falling = True
 
     # -- conversion
 
-    def _add_hand(self, world: World, hand: Hand, time_step_s: float) -> None:
-        model, entities = self._model, []
-        self._groups = _collision_groups(model, hand)
-        for body in range(1, model.nbody):
-            if body == model.body(OBJECT).id:
+    def _add_hand(self, hand: Hand) -> None:
+        model, digit = self._model, digit_of_geoms(self._model, hand)
+        self._groups = _collision_groups(model, digit)
+        self._n_columns, self._column = len(hand.digits) + 1, {}
+        palm = {hand.prefix + name for name in hand.palm_bodies}
+        self.links: dict[str, Any] = {}
+        entities = []
+        for body in range(1, model.nbody):  # parents come before their children
+            name, parent = model.body(body).name, model.body(model.body_parentid[body]).name
+            if name == OBJECT:
                 continue
-            parent = int(model.body_parentid[body])
-            link = self._links[body] = self._physx.PhysxArticulationLinkComponent(self._links.get(parent))
+            link = self.links[name] = self._physx.PhysxArticulationLinkComponent(self.links.get(parent))
             self._fill(link, model.body_mass[body], model.body_inertia[body])
             link.cmass_local_pose = self._pose(model.body_ipos[body], model.body_iquat[body])
             for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
                 if geom in self._groups:
                     place = model.geom_pos[geom], model.geom_quat[geom]
                     self._attach(link, model.geom_type[geom], model.geom_size[geom], geom, *place)
+                    if digit[geom] >= 0 or name in palm:
+                        self._column[link] = int(digit[geom])  # -1, the last column, is the palm's
             entity = self._sapien.Entity()
             entity.add_component(link)
             entities.append(entity)
             X_parent_body = self._pose(model.body_pos[body], model.body_quat[body])
-            if not parent:
-                entity.pose = X_parent_body
             link.joint.type = "fixed"
-            if parent and model.body_jntnum[body]:
-                self._hinge(link.joint, body, time_step_s)
-            elif parent:
+            if parent not in self.links:
+                entity.pose = X_parent_body
+            elif model.body_jntnum[body]:
+                self._hinge(link.joint, body)
+            else:
                 link.joint.pose_in_parent = X_parent_body
         for entity in entities:
             self._scene.add_entity(entity)
 
-    def _hinge(self, joint: Any, body: int, time_step_s: float) -> None:
+    def _hinge(self, joint: Any, body: int) -> None:
         model, number = self._model, int(self._model.body_jntadr[body])
         along = np.zeros(4)
         mujoco.mju_quatZ2Vec(along, model.jnt_axis[number])
@@ -142,7 +150,7 @@ class Scene:
         joint.friction = 0.0
         joint.set_drive_properties(0.0, 0.0)
 
-    def _drive(self, world: World, gain_factor: float) -> None:
+    def _drive(self, gain_factor: float) -> None:
         """Read the actuators, and order joints as PhysX does: breadth first."""
         model = self._model
         joints = self._articulation.active_joints
@@ -228,19 +236,13 @@ class Scene:
         quat = np.asarray(pose.q, dtype=np.float64)
         return np.concatenate([pose.p, quat / np.linalg.norm(quat)])
 
-    def body_positions(self) -> dict[str, Array]:
-        """Locate the origins of the hand's bodies, metres, by name."""
-        return {self._model.body(body).name: np.array(link.entity.pose.p) for body, link in self._links.items()}
-
-    def touching(self) -> set[str]:
-        """Name the hand's bodies that pressed on the object in the last step."""
-        names = {link: self._model.body(body).name for body, link in self._links.items()}
-        bodies = [
-            contact.bodies
-            for contact in self._system.get_contacts()
-            if self._object in contact.bodies and any(np.any(point.impulse) for point in contact.points)
-        ]
-        return {names[body] for pair in bodies for body in pair if body in names}
+    def touching(self) -> NDArray[np.bool_]:
+        """Tell which digits, and last the palm, pressed on the object in the last step ``(D + 1,)``."""
+        touching = np.zeros(self._n_columns, dtype=bool)
+        for contact in self._system.get_contacts():
+            if self._object in contact.bodies and any(np.any(point.impulse) for point in contact.points):
+                touching[[self._column[body] for body in contact.bodies if body in self._column]] = True
+        return touching
 
     def step(self, target: Array, acceleration: Array) -> None:
         """Make one time step with targets of the actuators ``(n_actuators,)`` in a field of acceleration, m/s2."""
@@ -315,19 +317,18 @@ def _check_counterparts(model: Any) -> None:
         raise InputError(f"engine physx has no counterpart to {', '.join(lacking)}; try this hand with engine mujoco")
 
 
-def _collision_groups(model: Any, hand: Hand) -> dict[int, tuple[int, int]]:
+def _collision_groups(model: Any, digit: NDArray[np.int64]) -> dict[int, tuple[int, int]]:
     """Find what each geom that can touch something is, and what it touches, as bit masks.
 
     Bit 0 is the object, bit 1 the hand without digits, the next ones are the digits.
     """
-    obj, digit = model.geom(OBJECT).id, digit_of_geoms(model, hand)
-    bit = {geom: 0 if geom == obj else int(digit[geom]) + 2 for geom in range(model.ngeom)}
-    touches = dict.fromkeys(bit.values(), 0)
-    pairs = list(zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True))
-    for one, other in pairs:
+    bit = digit + 2
+    bit[model.geom(OBJECT).id] = 0
+    touches = np.zeros(len(bit) + 2, dtype=np.int64)
+    pairs = np.stack([model.pair_geom1, model.pair_geom2], axis=1)
+    for one, other in [*pairs, *pairs[:, ::-1]]:
         touches[bit[one]] |= 1 << bit[other]
-        touches[bit[other]] |= 1 << bit[one]
-    return {geom: (1 << bit[geom], touches[bit[geom]]) for pair in pairs for geom in pair}
+    return {int(geom): (int(1 << bit[geom]), int(touches[bit[geom]])) for geom in np.unique(pairs)}
 
 
 def _hull_points(model: Any, kind: int, size: Array, geom: int) -> Array:
