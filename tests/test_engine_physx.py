@@ -25,7 +25,7 @@ from graspcascade.proposals.heuristic import Heuristic
 from graspcascade.studies.evaluate import evaluate
 from graspcascade.studies.rounds import try_round
 from graspcascade.worlds.world import OBJECT, World, build_world, object_fields
-from hand_files import actuator_line, cut_grasps, edited, write_hand
+from hand_files import actuator_line, cut_grasps, edited, shadow_entries, write_hand
 from test_engine_hands import MODELS
 from test_engine_trials import assert_same, with_object_at
 
@@ -181,9 +181,21 @@ def test_meshes_and_round_shapes_of_a_hand_become_convex_hulls(tmp_path: Path) -
     assert -0.027 < rest["ellipsoid"] < -0.026
 
 
+def test_joints_listed_in_another_order_move_all_the_same(tmp_path: Path, hand: Hand) -> None:
+    fingers = shadow_entries()["joints"]
+    turned = load_hand(write_hand(tmp_path, joints=[finger[::-1] for finger in fingers[::-1]]))
+    order = [hand.joint_names.index(name) for name in turned.joint_names]
+    start, posture = hand.lower_rad, 0.7 * hand.lower_rad + 0.3 * hand.upper_rad
+    moved = in_physx(scene_of(turned), world_of(turned), start[order], posture[order], 50)
+    expected = in_physx(scene_of(hand), world_of(hand), start, posture, 50)
+    np.testing.assert_allclose(moved, expected[:, order], atol=1e-6)
+
+
 def test_a_part_without_counterpart_is_refused_in_one_line(tmp_path: Path, drawn: Grasps) -> None:
     sprung = hand_with(tmp_path, ('<joint name="FFJ3"', '<joint stiffness="0.1" name="FFJ3"'))
-    with pytest.raises(InputError, match=r"^engine physx has no counterpart to springs of joints; .*engine mujoco$"):
+    with pytest.raises(
+        InputError, match=r"^engine physx has no counterpart to springs or torque limits of joints; .*mujoco$"
+    ):
         run_trials(drawn[:1], BRIEF, hand=sprung, engine="physx")
 
 

@@ -98,7 +98,7 @@ class Scene:
         self._object = self._physx.PhysxRigidDynamicComponent()
         self._add_object(object_fields)
         self._articulation = next(iter(self.links.values())).articulation
-        self._drive(gain_factor)
+        self._drive(world, hand, gain_factor)
         self._forced = [(body, float(body.mass)) for body in (*self.links.values(), self._object)]
         self._falling = True
 
@@ -150,27 +150,26 @@ class Scene:
         joint.friction = 0.0
         joint.set_drive_properties(0.0, 0.0)
 
-    def _drive(self, gain_factor: float) -> None:
-        """Read the actuators, and order joints as PhysX does: breadth first."""
-        model = self._model
-        joints = self._articulation.active_joints
-        numbers = [model.joint(joint.name).id for joint in joints]
-        self._to_physx = np.array([numbers.index(number) for number in _hinges(model)]).argsort()
+    def _drive(self, world: World, hand: Hand, gain_factor: float) -> None:
+        """Read the actuators, in the order of joints that PhysX has: breadth first."""
+        model, step = self._model, self._system.timestep
+        joints, names = self._articulation.active_joints, [hand.prefix + name for name in hand.joint_names]
+        self._to_physx = np.array([names.index(joint.name) for joint in joints])
         self._from_physx = self._to_physx.argsort()
+        numbers = [model.joint(joint.name).id for joint in joints]
         dofs = model.jnt_dofadr[numbers]
-        moment = actuator_moment(model)[:, dofs]
-        damping, speed_gain = model.dof_damping[dofs], -model.actuator_biasprm[:, 2]
-        step = self._system.timestep
+        # How much an actuator's length grows with an angle is also how much torque its force gives.
+        self._moment = moment = world.control_map.T[:, self._to_physx]
+        self._damping, self._speed_gain = model.dof_damping[dofs], -model.actuator_biasprm[:, 2]
         # A step's damping depends on the speed at its end, as in MuJoCo's implicit integration: the same as torques
         # by the speed at its start on joints of this much more inertia.
-        late = damping + np.abs(moment).T @ (speed_gain * np.abs(moment).sum(axis=1))
-        inertia_added = step * late
+        late = self._damping + np.abs(moment).T @ (self._speed_gain * np.abs(moment).sum(axis=1))
+        inertia = model.dof_armature[dofs] + step * late
         self._ties = [_Tie(model, number, numbers, step) for number in range(model.neq)]
         for tie in self._ties:
-            inertia_added[[tie.follower, tie.leader]] += tie.inertia
-        for joint, inertia in zip(joints, model.dof_armature[dofs] + inertia_added, strict=True):
-            joint.armature = np.array([inertia], dtype=np.float32)
-        self._moment, self._damping, self._speed_gain = moment, damping, speed_gain
+            inertia[[tie.follower, tie.leader]] += tie.inertia
+        for joint, armature in zip(joints, inertia, strict=True):
+            joint.armature = np.array([armature], dtype=np.float32)
         self._gain = model.actuator_gainprm[:, 0] * gain_factor
         limited = np.asarray(model.actuator_forcelimited, dtype=bool)
         self._least, self._most = np.where(limited, model.actuator_forcerange.T, [[-np.inf], [np.inf]])
@@ -219,14 +218,14 @@ class Scene:
     # -- state
 
     def place(self, angles: Array, position: ArrayLike, quat: ArrayLike) -> None:
-        """Put the hand's joints, in the order of the world, and the object somewhere, at rest."""
+        """Put the hand's joints, in the order of the hand, and the object somewhere, at rest."""
         self._articulation.set_qpos(angles[self._to_physx].astype(np.float32))
         self._articulation.set_qvel(np.zeros(len(angles), dtype=np.float32))
         self._entity.pose = self._pose(position, quat)
 
     @property
     def angles(self) -> Array:
-        """Joint angles ``(J,)`` in the order of the world, radians."""
+        """Joint angles ``(J,)`` in the order of the hand, radians."""
         return np.asarray(self._articulation.qpos[self._from_physx], dtype=np.float64)
 
     @property
@@ -295,23 +294,12 @@ class _Tie:
 _NOTHING = np.zeros(3, dtype=np.float32)
 
 
-def actuator_moment(model: Any) -> Array:
-    """Compute by how much each actuator's length grows with each degree of freedom ``(n_actuators, n_dofs)``."""
-    data, moment = mujoco.MjData(model), np.zeros((model.nu, model.nv))
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mju_sparse2dense(moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-    return moment
-
-
-def _hinges(model: Any) -> list[int]:
-    return [joint for joint in range(model.njnt) if model.joint(joint).name != OBJECT]
-
-
 def _check_counterparts(model: Any) -> None:
     parts = {
         "equalities with a stiffness of their own": np.any(model.eq_solref[:, 0] <= 0.0),
-        "springs of joints": np.any(model.jnt_stiffness),
+        "springs or torque limits of joints": np.any(model.jnt_stiffness) or np.any(model.jnt_actfrclimited),
         "springs or dampers of tendons": np.any(model.tendon_stiffness) or np.any(model.tendon_damping),
+        "gravity compensation": np.any(model.body_gravcomp),
     }
     if lacking := [name for name, there in parts.items() if there]:
         raise InputError(f"engine physx has no counterpart to {', '.join(lacking)}; try this hand with engine mujoco")
