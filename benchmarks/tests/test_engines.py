@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.physics.engines import compare, differing
+from benchmarks.paper.markdown import fill_blocks
+from benchmarks.physics.engines import compare, differing, page_blocks
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.outcomes import Outcomes
 from graspcascade.studies.dataset import Dataset
@@ -49,3 +50,10 @@ def test_the_engines_are_published_to_agree() -> None:
         assert row["n"] >= 1350
         assert row["agreement"]["rate"] >= 0.93
         assert abs(row["points"]["difference"]) <= 4.0
+
+
+def test_the_page_of_the_protocol_has_the_published_tables() -> None:
+    page = (PUBLISHED.parents[1] / "protocol.md").read_text(encoding="utf-8")
+    assert fill_blocks(page, page_blocks(PUBLISHED.parent)) == page
+    assert "| tip_pinch |" not in page
+    assert "| `tip_pinch` |" in page

@@ -40,7 +40,7 @@ ModelName = Annotated[str, arg(metavar="NAME|FOLDER", help=_MODEL)]
 _PRIOR = "Posture prior of the heuristic (.safetensors); the shipped one without it."
 PriorFile = Annotated[Path | None, arg(metavar="FILE", help=_PRIOR)]
 ProtocolName = Annotated[str, arg(metavar="NAME", help="Trial protocol; every rate is quoted with its name.")]
-EngineName = Annotated[str, arg(metavar="NAME", help="Physics engine.")]
+EngineName = Annotated[str, arg(metavar="NAME", help="Physics engine: mujoco, or physx (extra 'physx').")]
 Threads = Annotated[int, arg(help="Simulation threads, 0 for all processors.")]
 _WORKERS = "Processes to try in, each with one thread, 0 for as many as processors; 1 stays in this one."
 Workers = Annotated[int, arg(help=_WORKERS)]
