@@ -35,7 +35,7 @@ class Engine(Protocol):
 
     @property
     def versions(self) -> dict[str, str]:
-        """Versions and options that outcomes depend on beside `core.machine.versions`, to tell records apart by."""
+        """Versions of what outcomes depend on beside `core.machine.versions`; they tell records of engines apart."""
         ...
 
     def on_one_thread(self) -> Engine:

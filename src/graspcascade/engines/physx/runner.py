@@ -36,20 +36,16 @@ class PhysxEngine:
 
     Attributes:
         n_threads: 0 or 1: trials run one at a time, and only processes run side by side.
-        contact_stiffness_n_m: stiffness of contacts in N/m; None for rigid ones, as every quoted rate has them.
 
     Raises:
-        InputError: PhysX is not installed, more threads are asked for, or contacts without stiffness.
+        InputError: PhysX is not installed, or more threads are asked for.
     """
 
     n_threads: int = 1
-    contact_stiffness_n_m: float | None = None
 
     def __post_init__(self) -> None:
         if self.n_threads not in (0, 1):
             raise InputError(f"engine physx has one thread, got {self.n_threads}; several processes run side by side")
-        if self.contact_stiffness_n_m is not None and not 0.0 < self.contact_stiffness_n_m < np.inf:
-            raise InputError(f"contacts need a stiffness above 0 N/m, got {self.contact_stiffness_n_m}")
         load_sapien()
 
     @property
@@ -58,9 +54,7 @@ class PhysxEngine:
 
     @property
     def versions(self) -> dict[str, str]:  # noqa: D102 (of Engine)
-        stiffness = self.contact_stiffness_n_m
-        soft = {} if stiffness is None else {"contact_stiffness_n_m": str(stiffness)}
-        return {"sapien": version("sapien")} | soft
+        return {"sapien": version("sapien")}
 
     def on_one_thread(self) -> PhysxEngine:  # noqa: D102 (of Engine)
         return self
@@ -87,7 +81,7 @@ class PhysxEngine:
         if conditions is None and protocol.variation is not None:
             raise InputError(f"protocol {protocol.name} varies: give the conditions, protocol.conditions(n)")
         check_trials(grasps, hand, conditions)
-        runner = _Runner(self, hand, grasps, protocol, conditions, observe)
+        runner = _Runner(hand, grasps, protocol, conditions, observe)
         for trial in range(len(grasps)):
             runner.run(trial)
             if progress is not None:
@@ -100,14 +94,12 @@ class _Runner:
 
     def __init__(
         self,
-        engine: PhysxEngine,
         hand: Hand,
         grasps: Grasps,
         protocol: Protocol,
         conditions: Conditions | None,
         observe: Observer | None,
     ) -> None:
-        self.engine = engine
         self.hand, self.protocol, self.observe = hand, protocol, observe
         self.outcomes = Outcomes.blank(len(grasps), len(hand.joint_names), tuple(hand.digits))
         self.world = shared_world(hand, next(iter(CATALOGUE.values())), protocol.physics, True)
@@ -145,7 +137,6 @@ class _Runner:
             fields,
             friction=float(about.friction[trial]),
             gain_factor=float(about.gain_factor[trial]) / physics.gain_factor,
-            contact_stiffness_n_m=self.engine.contact_stiffness_n_m,
             gravity=schedule.acceleration[-1],
         )
         scene.place(self.pregrasp[trial], self.start_m[trial], self.start_quat[trial])

@@ -59,7 +59,6 @@ class Scene:
         object_fields: the object (see `worlds.world.object_fields`).
         friction: coefficient of every contact.
         gain_factor: position gains as a multiple of the world's.
-        contact_stiffness_n_m: force by which contacts resist a metre of penetration, None for rigid ones.
         gravity: acceleration that `step` finds ready when it is given the same, m/s2; others take longer.
 
     Raises:
@@ -75,7 +74,6 @@ class Scene:
         *,
         friction: float,
         gain_factor: float = 1.0,
-        contact_stiffness_n_m: float | None = None,
         gravity: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         self._sapien = load_sapien()
@@ -89,8 +87,7 @@ class Scene:
         self._system.timestep = physics.time_step_s
         self._scene = self._sapien.Scene([self._system])
         # PhysX takes the mean friction of two shapes, MuJoCo the greater: with one material they are the same.
-        # PhysX takes a negative restitution for the stiffness of a compliant contact.
-        self._material = self._physx.PhysxMaterial(friction, friction, -(contact_stiffness_n_m or 0.0))
+        self._material = self._physx.PhysxMaterial(friction, friction, 0.0)
         # MuJoCo's torque at slip is the force times a length, PhysX's also times the friction.
         self._patch_radius = physics.torsional_friction_m / friction if friction > 0.0 else 0.0
 
