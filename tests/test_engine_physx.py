@@ -28,6 +28,7 @@ from graspcascade.worlds.world import OBJECT, World, build_world, object_fields
 from hand_files import actuator_line, cut_grasps, edited, shadow_entries, write_hand
 from test_engine_hands import MODELS
 from test_engine_trials import assert_same, with_object_at
+from test_hands import MESH_HAND, with_mesh_hand
 
 try:
     load_sapien()
@@ -189,6 +190,15 @@ def test_joints_listed_in_another_order_move_all_the_same(tmp_path: Path, hand: 
     moved = in_physx(scene_of(turned), world_of(turned), start[order], posture[order], 50)
     expected = in_physx(scene_of(hand), world_of(hand), start, posture, 50)
     np.testing.assert_allclose(moved, expected[:, order], atol=1e-6)
+
+
+@with_mesh_hand
+def test_a_hand_of_meshes_holds_what_it_holds_in_mujoco(tmp_path: Path, drawn: Grasps) -> None:
+    meshes = load_hand(write_hand(tmp_path, name="meshes", mjcf=MESH_HAND, prefix="rh_"))
+    some = drawn[drawn.object_name == "box_medium"]
+    mine, theirs = (run_trials(some, BRIEF, hand=meshes, engine=engine) for engine in ("physx", "mujoco"))
+    assert theirs.held.any()
+    assert (mine.held == theirs.held).sum() >= len(some) - 1
 
 
 def test_a_part_without_counterpart_is_refused_in_one_line(tmp_path: Path, drawn: Grasps) -> None:
