@@ -593,8 +593,17 @@ def test_what_no_machine_can_do_is_refused(
 
 def test_trial_takes_an_engine_by_name(call: Call, saved: Path) -> None:
     assert call("trial", saved, "--engine", "mujoco").status == 0
-    assert_refused(call("trial", saved, "--engine", "physx"), "unknown engine 'physx'", "mujoco")
-    assert_refused(call("evaluate", "--engine", "physx"), "unknown engine 'physx'")
+    assert_refused(call("trial", saved, "--engine", "physix"), "unknown engine 'physix'", "'physx'", "mujoco")
+    assert_refused(call("evaluate", "--engine", "bullet"), "unknown engine 'bullet'")
+
+
+def test_an_engine_that_is_not_installed_is_refused_with_what_to_install(
+    call: Call, saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "sapien", None)
+    for verb in (["trial", saved], ["verify", saved], ["evaluate", "--out", tmp_path / "evaluation"]):
+        assert_refused(call(*verb, "--engine", "physx"), "needs sapien", "extra 'physx'", "pip install '.[physx]'")
+    assert not (tmp_path / "evaluation").exists()
 
 
 def test_trial_json_gives_totals_and_a_verdict_for_each_grasp(call: Call, saved: Path, tmp_path: Path) -> None:
@@ -602,7 +611,8 @@ def test_trial_json_gives_totals_and_a_verdict_for_each_grasp(call: Call, saved:
     assert (said.status, said.err) == (0, "")
     report = said.json
     assert json.loads((tmp_path / "report.json").read_text()) == report
-    assert (report["protocol"], report["model"], report["n"]) == ("paper", "by hand", 3)
+    named = [report[name] for name in ("protocol", "engine", "model", "n")]
+    assert named == ["paper", "mujoco", "by hand", 3]
     verdicts = [row["verdict"] for row in report["grasps"]]
     assert set(verdicts) <= set(VERDICTS)
     assert verdicts[2] == "missed"
@@ -616,7 +626,7 @@ def test_trial_json_gives_totals_and_a_verdict_for_each_grasp(call: Call, saved:
 def test_trial_prints_verdicts_and_a_rate_with_its_protocol(call: Call, saved: Path) -> None:
     said = call("trial", saved)
     assert "missed" in said.out
-    assert "protocol paper, 3 trials: held" in said.out
+    assert "protocol paper, engine mujoco, 3 trials: held" in said.out
     assert "(95 %: " in said.out
 
 
@@ -686,7 +696,7 @@ def test_evaluate_prints_rates_with_their_protocol_and_goes_on_from_its_folder(c
     assert {"grasp_type", "object", "n", "held", "faithful"} <= set(report["cells"][0])
     said = call(*asked)
     assert said.out.startswith("heuristic under protocol paper")
-    assert "protocol paper, 54 trials: held" in said.out
+    assert "protocol paper, engine mujoco, 54 trials: held" in said.out
     assert all(label in said.out for label in CATALOGUE)
     assert_refused(call(*asked, "--seed", 1), str(tmp_path / "run"))
 

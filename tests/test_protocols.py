@@ -1,5 +1,6 @@
 """Protocols: phases and numbers, conditions of single trials, and that the shake is what a really moving base does."""
 
+import json
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -140,6 +141,8 @@ def test_an_unknown_direction_is_refused() -> None:
 def test_a_protocol_survives_the_way_through_plain_data(protocol: Protocol) -> None:
     again = Protocol.from_json(protocol.to_json())
     assert again == protocol
+    # A study compares what it is asked for with what its folder says.
+    assert json.loads(json.dumps(protocol.to_json())) == protocol.to_json()
     assert again.schedule.ends == protocol.schedule.ends
 
 

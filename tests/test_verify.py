@@ -119,7 +119,7 @@ def test_a_table_of_chances_has_their_intervals(saved: Path, capsys: pytest.Capt
     assert main(["verify", str(saved), "--draws", "2"]) == 0
     said = capsys.readouterr().out
     assert "0% [0%, 66%]" in said
-    assert "protocol varied, 3 grasps tried 2 times each\nheld " in said
+    assert "protocol varied, engine mujoco, 3 grasps tried 2 times each\nheld " in said
 
 
 @pytest.mark.parametrize(

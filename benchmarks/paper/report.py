@@ -21,7 +21,7 @@ from graspcascade.core.protocols import Carry
 from graspcascade.proposals.heuristic import HEURISTIC
 
 from . import tables
-from .markdown import rate, table
+from .markdown import fill_blocks, rate, table
 from .published import FULL_MODEL, TABLES
 from .runs import Entry, ResultsFolder, read_results
 from .sections import sections
@@ -39,7 +39,7 @@ class Report:
     """Folder of JSON files, such as the evaluation.json of `graspcascade evaluate --out`."""
     out: Path = Path("docs/results.md")
     """Page to write, .md. Tables of a performance.md beside it are made from the folder `performance`, those of a
-    model_card.md from the shipped cascade."""
+    protocol.md from engines.json, those of a model_card.md from the shipped cascade."""
     section: str = ""
     """Print this section as Markdown and write nothing; the page lists all sections."""
     figures: Path | None = None
@@ -178,8 +178,14 @@ def _section_list(results: ResultsFolder) -> str:
 
 
 def _fill_other_pages(results: Path, page: Path) -> list[Path]:
-    """Write the generated blocks of the performance page and the model card again, where they lie beside the page."""
+    """Write the generated blocks of the other pages again, where they lie beside the page."""
     filled = []
+    protocol = page.with_name("protocol.md")
+    if protocol.is_file() and (results / "engines.json").is_file():
+        from benchmarks.physics.engines import page_blocks
+
+        write_text(protocol, fill_blocks(protocol.read_text(encoding="utf-8"), page_blocks(results)))
+        filled.append(protocol)
     performance, card = page.with_name("performance.md"), page.with_name("model_card.md")
     if performance.is_file() and (results / "performance").is_dir():
         from benchmarks.speed.page import fill_page

@@ -42,7 +42,7 @@ _PRIOR = "Posture prior of the heuristic (.safetensors); the shipped one without
 PriorFile = Annotated[Path | None, arg(metavar="FILE", help=_PRIOR)]
 _PROTOCOL = f"Trial protocol ({', '.join(PROTOCOLS)}); every rate is quoted with its name."
 ProtocolName = Annotated[str, arg(metavar="NAME", help=_PROTOCOL)]
-EngineName = Annotated[str, arg(metavar="NAME", help="Physics engine.")]
+EngineName = Annotated[str, arg(metavar="NAME", help="Physics engine: mujoco, or physx (extra 'physx').")]
 Threads = Annotated[int, arg(help="Simulation threads, 0 for all processors.")]
 _WORKERS = "Processes to try in, each with one thread, 0 for as many as processors; 1 stays in this one."
 Workers = Annotated[int, arg(help=_WORKERS)]

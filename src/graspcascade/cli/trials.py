@@ -156,7 +156,7 @@ class Verify:
             console.print_json({**about, "n": n, **rates, "grasps": named})
         else:
             self._print(grasps, verified.held.sum(axis=1).tolist())
-            print(f"protocol {verified.protocol}, {n} grasps tried {self.draws} times each")
+            print(f"protocol {verified.protocol}, engine {verified.engine}, {n} grasps tried {self.draws} times each")
             for name, rate in rates.items():
                 print(f"{name} {console.interval(rate)}")
         if self.out is not None:
@@ -205,7 +205,8 @@ def _print_report(report: dict[str, Any]) -> None:
 def _print_rates(report: dict[str, Any]) -> None:
     verdicts = report["verdicts"].get("overall", report["verdicts"])
     print(", ".join(f"{count} {verdict}" for verdict, count in verdicts.items() if count))
-    print(f"protocol {report['protocol']}, {report['n']} trials: held {console.interval(report['held'])}")
+    tried_in = f"protocol {report['protocol']}, engine {report['engine']}"
+    print(f"{tried_in}, {report['n']} trials: held {console.interval(report['held'])}")
     print(f"held and type-faithful {console.interval(report['faithful'])}")
     if "steady" in report:
         print(f"held and turned by less than {math.degrees(STEADY_RAD):g} degrees {console.interval(report['steady'])}")

@@ -457,7 +457,10 @@ class Protocol(_Numbers):
         """Describe name, phases, criterion and physics as plain data."""
         phases = [{"phase": phase.kind} | asdict(phase) for phase in self.phases]
         data = {part.name: getattr(self, part.name) for part in fields(self)} | {"phases": phases}
-        data["variation"] = None if self.variation is None else asdict(self.variation)
+        # Bounds as lists, as they come back from a file: records are compared.
+        varied = {} if self.variation is None else asdict(self.variation)
+        varied = {name: list(value) if isinstance(value, tuple) else value for name, value in varied.items()}
+        data["variation"] = varied or None
         # What a protocol does without is left out, so that records keep their form when there is more to say.
         data["physics"] = {name: number for name, number in asdict(self.physics).items() if number is not None}
         data["contact_by"] = None if self.contact_by is None else self.contact_by.to_json()

@@ -39,6 +39,11 @@ class Engine(ABC):
         """How trials are abridged, as plain data for a record; None where every step is computed."""
         return None
 
+    @property
+    def versions(self) -> dict[str, str]:
+        """Versions of what outcomes depend on beside `core.machine.versions`."""
+        return {}
+
     def on_one_thread(self) -> Engine:
         """Make the same engine for one of several processes."""
         return self
@@ -72,7 +77,13 @@ def _mujoco(**options: Any) -> Engine:
     return MujocoEngine(**options)
 
 
-ENGINES: Mapping[str, Callable[..., Engine]] = {"mujoco": _mujoco}
+def _physx(**options: Any) -> Engine:
+    from .physx.runner import PhysxEngine
+
+    return PhysxEngine(**options)
+
+
+ENGINES: Mapping[str, Callable[..., Engine]] = {"mujoco": _mujoco, "physx": _physx}
 """Makers of engines by name; each takes the engine's own options."""
 
 

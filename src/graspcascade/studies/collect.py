@@ -155,7 +155,7 @@ def collect(
         "seed": spec.seed,
         "round_per_cell": spec.round_per_cell,
         # The shards' bytes are pyarrow's.
-        "versions": versions() | {"pyarrow": version("pyarrow")},
+        "versions": versions() | engine.versions | {"pyarrow": version("pyarrow")},
     }
     if cells != CELLS:
         identity["cells"] = [[obj.name, kind.name] for obj, kind in cells]

@@ -105,7 +105,7 @@ def evaluate(
         "seed": seed,
         "per_cell": per_cell,
         "round_per_cell": ROUND_PER_CELL,
-        "versions": versions(),
+        "versions": versions() | engine.versions,
     }
     rounds = [min(ROUND_PER_CELL, per_cell - start) for start in range(0, per_cell, ROUND_PER_CELL)]
     draws = [EvaluationRound(proposal, cells, n, seed, number) for number, n in enumerate(rounds)]

@@ -1,0 +1,1 @@
+"""Trials in PhysX on the CPU, through the package `sapien`."""
