@@ -185,8 +185,8 @@ def page_blocks(folder: Path) -> dict[str, Callable[[], str]]:
     data = read_json(folder / "engines.json")
     return {
         "engines": lambda: _rates(data["comparisons"]),
-        "engine types": lambda: _types(data["comparisons"]),
-        "engines changed": lambda: _changes(data["changed"]),
+        "engine-types": lambda: _types(data["comparisons"]),
+        "engines-changed": lambda: _changes(data["changed"]),
     }
 
 

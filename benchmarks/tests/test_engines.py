@@ -57,3 +57,22 @@ def test_the_page_of_the_protocol_has_the_published_tables() -> None:
     assert fill_blocks(page, page_blocks(PUBLISHED.parent)) == page
     assert "| tip_pinch |" not in page
     assert "| `tip_pinch` |" in page
+
+
+def test_what_the_page_says_of_the_trials_that_differ_is_so() -> None:
+    data = json.loads(PUBLISHED.read_text())
+    rows = {(row["grasps"], row["engine"], row["protocol"]): row for row in data["changed"]}
+    for grasps in ("heuristic", "model3"):
+        usual = rows[grasps, "physx", "hold"]
+        smooth = rows[grasps, "physx", "hold, no torsional friction"]
+        assert smooth["as mujoco"]["rate"] < usual["as mujoco"]["rate"] - 0.05
+        weak, firm = "held of those in mujoco alone", "held of those in both"
+        slippery = rows[grasps, "mujoco", "hold, friction 0.7"]
+        assert slippery[weak]["rate"] < 0.6 < 0.97 < slippery[firm]["rate"]
+        assert rows[grasps, "physx", "hold, friction 0.9"][weak]["rate"] > 0.45
+        assert rows[grasps, "mujoco", "hold, half the time step"]["as mujoco"]["rate"] > 0.99
+        assert rows[grasps, "physx", "hold, half the time step"]["as physx"]["rate"] > 0.975
+    trials = data["differing"]
+    assert sum(trial["type"] in ("lateral_tripod", "tip_pinch") for trial in trials) > len(trials) / 2
+    easy = [trial for trial in trials if trial["object"] in ("box_medium", "box_large")]
+    assert len(easy) < 0.1 * len(trials)
