@@ -377,8 +377,8 @@ def test_an_evaluation_goes_on_only_in_the_engine_it_began_in(tmp_path: Path) ->
         evaluate(heuristic, engine=as_engine("mujoco"), **settings)
 
 
-def test_protocols_that_physx_cannot_follow_are_refused_in_one_line(good: Grasps) -> None:
+def test_protocols_that_physx_cannot_follow_are_refused_in_one_line(some: Grasps) -> None:
     rubbing = PAPER.with_physics("rubbing", joint_friction_nm=0.01)
     for protocol in (SIX_DIRECTIONS, rubbing):
         with pytest.raises(InputError, match=f"engine physx cannot do what protocol {protocol.name} asks for"):
-            run_trials(good[:1], protocol, engine="physx")
+            run_trials(some[:1], protocol, engine="physx")
