@@ -106,7 +106,7 @@ def main(arguments: Arguments) -> None:
 
     distances = surface_distances(other)
     result = {
-        "title": "Primitive shapes against a mesh hand",
+        "title": "Primitive shapes against a mesh hand" + ("" if protocol == PAPER else f" under {protocol.name}"),
         "description": f"The same grasps under protocol {protocol.name}, executed in full with our primitive-shape "
         "hand and with the mesh hand of the same make (MuJoCo Menagerie's, convex hulls of meshes at the fingertips). "
         "Those of the heuristic are not screened; the cascade has learned from trials with the primitive-shape hand "

@@ -86,7 +86,7 @@ def main(arguments: Arguments) -> None:
             rows.append(compare(name, way, part, outcomes, execute()))
             print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     result = {
-        "title": "Agreement of verdicts",
+        "title": "Agreement of verdicts" if protocol == PAPER else f"Agreement of verdicts under {protocol.name}",
         "description": f"The same grasps under protocol {protocol.name}: in full as an evaluation executes them, and "
         "in another way. Agreement is the share of trials with the same verdict on held; false successes held only in "
         "the other way.",
