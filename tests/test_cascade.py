@@ -671,6 +671,7 @@ def two_balls() -> GraspSampler:
 
 def test_a_model_knows_the_objects_that_it_was_taught(two_balls: GraspSampler) -> None:
     assert {obj.name for obj in two_balls.vocabulary.objects} == {"sphere:33mm", "sphere:41mm"}
+    assert two_balls.objects == two_balls.vocabulary.objects
     assert two_balls.sample("tripod", "sphere:41mm", n=3).object_name.tolist() == ["sphere:41mm"] * 3
     with pytest.raises(
         InputError, match="knows 2 objects by name and not sphere_small; the nearest of these is sphere:33mm"
@@ -698,7 +699,7 @@ def test_a_stored_model_does_not_depend_on_what_else_there_is(
     [
         {"grasp_types": ["tripod"]},
         {"grasp_types": ["tripod", "tripod"]},
-        {"objects": {}},
+        {"objects": []},
         {"objects": [3]},
         {"shapes": 4},
     ],

@@ -7,7 +7,7 @@ import pytest
 
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import as_object
-from graspcascade.core.protocols import HOLD, PAPER, VARIED, Carry, Close, Shake
+from graspcascade.core.protocols import HOLD, PAPER, SIX_DIRECTIONS, VARIED, Carry, Close, Shake
 from graspcascade.engines import run_trials
 from graspcascade.engines.mujoco.creep import FAST_FORWARD
 from graspcascade.engines.mujoco.hasten import HASTENED, Hastener
@@ -103,3 +103,7 @@ def test_hastening_fits_any_time_step_and_duration(drawn: Grasps, carry_s: float
     tried = run_trials(drawn[::9], protocol, creep=HASTENED)
     assert tried.held.any()
     np.testing.assert_allclose(tried.duration_s[tried.held], protocol.schedule.total_steps * 0.0035)
+
+
+def test_protocols_that_end_without_weight_are_not_abridged() -> None:
+    assert MujocoEngine().abridging(SIX_DIRECTIONS) == MujocoEngine()

@@ -26,6 +26,7 @@ from graspcascade.core.protocols import (
     Close,
     Conditions,
     Protocol,
+    Push,
     Shake,
 )
 from graspcascade.engines import as_engine, run_trials
@@ -382,3 +383,9 @@ def test_protocols_that_physx_cannot_follow_are_refused_in_one_line(some: Grasps
     for protocol in (SIX_DIRECTIONS, rubbing):
         with pytest.raises(InputError, match=f"engine physx cannot do what protocol {protocol.name} asks for"):
             run_trials(some[:1], protocol, engine="physx")
+
+
+def test_pushes_of_an_own_protocol_are_refused(some: Grasps) -> None:
+    pushed = replace(HOLD, name="pushed", phases=(Close(), Push("+z", 1.0, 0.5)))
+    with pytest.raises(InputError, match="engine physx cannot do what protocol pushed asks for: pushes; try"):
+        run_trials(some[:1], pushed, engine="physx")

@@ -132,3 +132,22 @@ def test_no_page_uses_words_of_our_own() -> None:
     wrong = [f"{path.name}: {word[0]}" for path, text in texts.items() for word in private.finditer(text)]
     # The map of the package may call its folders rooms, having said what they are.
     assert [word for word in wrong if not (word.startswith("architecture.md") and "room" in word.lower())] == []
+
+
+def test_the_page_of_the_protocol_has_what_locked_couplings_changed() -> None:
+    free, locked = json.loads((DOCS / "results" / "independent.json").read_text(encoding="utf-8"))["coupling"]
+    page = " ".join((DOCS / "protocol.md").read_text(encoding="utf-8").split())
+    moved = "moved, mm (median)"
+    assert f"in {free['n']} grasps objects moved by {locked[moved]:.1f} instead of {free[moved]:.1f} mm" in page
+
+
+def test_the_page_on_speed_has_the_measured_agreement_under_hold() -> None:
+    rows = json.loads((DOCS / "results" / "verdict_agreement_hold.json").read_text(encoding="utf-8"))["comparisons"]
+    heuristic, cascade = (row for row in rows if row["executed"] == "abridged as in a collection")
+    page = " ".join((DOCS / "performance.md").read_text(encoding="utf-8").split())
+    agree, wrong = (
+        [100 * row[name]["rate"] for row in (heuristic, cascade)] for name in ("agreement", "false_successes")
+    )
+    n = heuristic["n"]
+    assert f"{agree[0]:.2f} % of {n:,} abridged trials of the heuristic and {agree[1]:.2f} % of the cascade's" in page
+    assert f"{wrong[0]:.2f} and {wrong[1]:.2f} % are held only when abridged" in page

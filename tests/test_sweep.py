@@ -146,3 +146,13 @@ def test_the_command_draws_curves_beside_their_numbers(tmp_path: Path, capsys: p
     assert "model3 under protocol hold, 54 trials of each value" in said
     assert said.count("step-ms") == 2
     assert (tmp_path / "out" / "sweep.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_sweep_without_a_condition_or_into_a_file_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    for asked in (["--sweep"], ["--sweep", "friction=0.5", "--out", str(tmp_path / "file")]):
+        assert main(["evaluate", "--per-cell", "1", *asked]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+    assert (tmp_path / "file").read_text() == "mine"

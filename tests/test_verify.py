@@ -169,3 +169,20 @@ def test_an_export_may_be_of_what_held_alone(saved: Path, tmp_path: Path, capsys
     assert main(asked) == 0
     held = run_trials(load_document(saved).grasps, "hold").held
     assert len(load_document(out).grasps) == held.sum() > 0
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        ["trial", "{grasps}", "--held-out", "{grasps}"],
+        ["trial", "{grasps}", "--out", "{other}", "--held-out", "{other}"],
+        ["verify", "{grasps}", "--out", "{grasps}"],
+    ],
+)
+def test_nothing_is_written_over_what_is_read_or_written(
+    saved: Path, tmp_path: Path, asked: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = saved.read_bytes()
+    assert main([part.format(grasps=saved, other=tmp_path / "other.json") for part in asked]) == 2
+    assert "give what is written another name" in capsys.readouterr().err
+    assert saved.read_bytes() == before

@@ -140,15 +140,16 @@ def say(verb: str, *lines: str) -> None:
 
 
 def possible_cells(proposal: Proposal, hand: Hand, verb: str) -> list[Pair]:
-    """List the catalogue's cells of types that proposal and hand can make; say on standard error what is left out."""
-    from ..studies.rounds import CELLS
+    """List cells of types that proposal and hand can make; say on standard error what is left out.
 
+    Objects are the catalogue's or, of a proposal that knows others by name, those.
+    """
     possible = [kind for kind in proposal.grasp_types if kind in hand.grasp_types]
     left_out = [name for name, kind in GRASP_TYPES.items() if kind not in possible]
     if left_out:
         why = f"{hand.name} lacks digits or places for them, or {proposal.name} has not seen them"
         say(verb, f"left out {', '.join(left_out)}: {why}")
-    return [cell for cell in CELLS if cell[1] in possible]
+    return [(obj, kind) for obj in proposal.objects for kind in possible]
 
 
 def object_pose(given: PoseNumbers | None) -> Pose | None:

@@ -55,10 +55,9 @@ class Trial:
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         if self.out is not None:
             console.check_out(self.out, ".json", "a trial report")
-            if self.out.exists() and self.grasps.exists() and self.out.samefile(self.grasps):
-                raise InputError(f"{self.out} holds the grasps; give the report another name")
         if self.held_out is not None:
             check_target(self.held_out)
+        _check_apart(self.grasps, self.out, self.held_out)
         hand = load_hand(self.hand)
         document = _executable(self.grasps, hand, self.trust_pickle, "trial")
         grasps = document.grasps
@@ -75,6 +74,15 @@ class Trial:
             about = {"protocol": protocol.name, "engine": engine.name, "seed": self.seed, "of": len(grasps)}
             metadata = document.metadata | {"held": about}
             _keep(self.held_out, document, outcomes.held, grasps, metadata, "trial")
+
+
+def _check_apart(grasps: Path, *written: Path | None) -> None:
+    """Refuse to write over the grasps that are read, or twice to one file."""
+    targets = [path.resolve() for path in written if path is not None]
+    for number, path in enumerate(targets):
+        if path in (grasps.resolve(), *targets[:number]):
+            holds = "holds the grasps" if path == grasps.resolve() else "would be written twice"
+            raise InputError(f"{path.name} {holds}; give what is written another name")
 
 
 def _executable(path: Path, hand: Hand, trust_pickle: bool, verb: str) -> GraspDocument:
@@ -129,6 +137,7 @@ class Verify:
             raise InputError(f"--keep is a share from 0 to 1 and needs --out, got {self.keep}")
         if self.out is not None:
             check_target(self.out)
+        _check_apart(self.grasps, self.out)
         hand, engine = load_hand(self.hand), as_engine(self.engine, n_threads=self.threads)
         document = _executable(self.grasps, hand, self.trust_pickle, "verify")
         n = len(document.grasps)
@@ -227,9 +236,9 @@ class Evaluate:
     """Seed of every draw."""
     out: Path | None = None
     """Folder for finished rounds and evaluation.json; the same command goes on where an earlier one stopped."""
-    sweep: tuple[str, ...] = ()
+    sweep: tuple[str, ...] | None = None
     """Try the same grasps at several values of a condition, like friction=0.4:1.2 or mass=0.5,1,2; each of several in
-    turn. With --out, sweep.json and a picture are written."""
+    turn. With --out, sweep.json and sweep.png show the values of this call."""
     threads: Threads = 0
     workers: Workers = 1
     json: Json = False
@@ -239,7 +248,9 @@ class Evaluate:
         from ..studies.evaluate import evaluate
         from ..studies.sweep import Sweep
 
-        sweeps = [Sweep.read(text) for text in self.sweep]
+        sweeps = [Sweep.read(text) for text in self.sweep or ()]
+        if self.sweep is not None and not sweeps:
+            raise InputError("--sweep needs a condition, like friction=0.4:1.2")
         console.check_threads(threads=self.threads, workers=self.workers)
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         proposal = console.load_proposal(self.model, self.hand, self.prior)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import MAX_SEED, InputError, check_whole
 from ..core.grasps import Grasps
-from ..core.objects import GraspObject, Site, as_object
+from ..core.objects import CATALOGUE, GraspObject, Site, as_object
 from ..core.poses import Pose
 from ..core.tasks import Task, Tasks, draw_tasks
 from ..core.taxonomy import GraspType, as_type
@@ -36,6 +36,11 @@ class Proposal(ABC):
     def grasp_types(self) -> tuple[GraspType, ...]:
         """Grasp types that it can propose; here those that the hand can make."""
         return self.hand.grasp_types
+
+    @property
+    def objects(self) -> tuple[GraspObject, ...]:
+        """Objects that it is usually tried on; here those of the catalogue."""
+        return tuple(CATALOGUE.values())
 
     @abstractmethod
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:

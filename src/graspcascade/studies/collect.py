@@ -115,7 +115,7 @@ def collect(
     folder: Path | str,
     *,
     protocol: Protocol | str = PAPER,
-    engine: Engine | str | None = None,
+    engine: Engine | str = "mujoco",
     cells: Sequence[tuple[GraspObject | str, GraspType | str]] = CELLS,
     workers: int = 1,
     progress: Callable[[CollectionState], None] | None = None,
@@ -130,7 +130,7 @@ def collect(
         spec: how much.
         folder: made if needed.
         protocol: the trial, or its name.
-        engine: what tries them, or its name; by default MuJoCo, abridging the time under weight.
+        engine: what tries them, or the name of one that abridges the time under weight.
         cells: pairs of object and type, or of their names; those of types that the proposal cannot make (see
             `Proposal.grasp_types`) get no trials.
         workers: processes to try in, 0 for as many as processors; 1 stays in this one.
@@ -147,7 +147,7 @@ def collect(
     if cells and not any(kind in proposal.grasp_types for _, kind in cells):
         possible = ", ".join(kind.name for kind in proposal.grasp_types) or "none"
         raise InputError(f"{hand.name} and the prior can make none of the types asked for. Possible types: {possible}.")
-    engine = as_engine().abridging(protocol) if engine is None else as_engine(engine)
+    engine = as_engine(engine).abridging(protocol) if isinstance(engine, str) else engine
     identity = setting_of(hand, protocol, engine, cells) | {
         "prior": proposal.prior.fingerprint(),
         "creep_projection": engine.abridged,

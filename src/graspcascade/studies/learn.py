@@ -315,7 +315,7 @@ def fit_cascade(
     about = dataset.metadata
     if not isinstance(trial := about.get("protocol"), dict) or "name" not in trial:
         raise InputError("the dataset's metadata must name the protocol of its trials")
-    learned_on = {key: about.get(key) for key in ("seed", "prior", "hand", "screening")}
+    learned_on = {key: about.get(key) for key in ("seed", "prior", "hand", "engine", "screening")}
     learned_on |= {"trials": len(dataset.outcomes), "protocol": trial["name"], "shards": shards_digest(about)}
     data = prepare(hand, dataset, factorization, config)
     # The longest stage first, so that none of the others has to wait for it in the end.

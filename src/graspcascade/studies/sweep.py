@@ -201,7 +201,8 @@ def sweep(
         per_cell: trials for each object and type at each value.
         seed: of every draw; grasps, and draws of a protocol that varies, are the same at all values.
         protocol: what the sweeps change, or its name.
-        out: folder that keeps a folder for each value, which the same call goes on from, and the final `sweep.json`.
+        out: folder that keeps a folder for each value, which another call goes on from, and `sweep.json`, which lists
+            the values of the last call.
         progress: called with trials done and trials in all.
         options: as in `evaluate`, such as `cells`, `hand`, `engine` and `workers`.
 
@@ -216,6 +217,8 @@ def sweep(
         [0.3, 0.8]
     """
     base = as_protocol(protocol)
+    if out is not None and Path(out).exists() and not Path(out).is_dir():
+        raise InputError(f"{out} is a file; a sweep is kept in a folder")
     names = [each.condition for each in sweeps]
     if not names or len(set(names)) < len(names):
         raise InputError(f"give conditions to sweep, each once, got {', '.join(names) or 'none'}")
@@ -228,7 +231,7 @@ def sweep(
             progress(len(points) * total + done, len(planned) * total)
 
     for condition, value, changed in planned:
-        folder = None if out is None else Path(out) / f"{condition}={value:g}"
+        folder = None if out is None else Path(out) / f"{condition}={value:.12g}"
         about: dict[str, Any] = options | {"protocol": changed, "out": folder, "progress": tell}
         points.append(Point(condition, value, evaluate(proposal, per_cell=per_cell, seed=seed, **about)))
     if out is not None:

@@ -57,6 +57,8 @@ class MujocoEngine(Engine):
         return replace(self, n_threads=1)
 
     def abridging(self, protocol: Protocol) -> MujocoEngine:  # noqa: D102 (of Engine)
+        if not protocol.phases[-1].steady:
+            return self
         return replace(self, creep=HASTENED if protocol.physics.noslip_iterations else FAST_FORWARD)
 
     def run(

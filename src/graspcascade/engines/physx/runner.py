@@ -69,11 +69,16 @@ class PhysxEngine(Engine):
             InputError: grasps or conditions that cannot be tried (see `check_trials`), a hand that cannot be converted
                 (see `Scene`), or a protocol that pushes, limits turns or has joints with dry friction.
         """
-        if protocol.turn_rad is not None or protocol.contact_by is not None or protocol.physics.joint_friction_nm:
-            raise InputError(
-                f"engine physx cannot do what protocol {protocol.name} asks for: pushes from a contact found before, "
-                "limits of turns, or dry friction of joints; try it with engine mujoco"
-            )
+        parts = {
+            "pushes": protocol.schedule.force.any(),
+            "a squeeze or a contact found before": protocol.contact_by is not None
+            or any(phase.ramp > 0 for phase in protocol.phases),
+            "limits of turns": protocol.turn_rad is not None,
+            "dry friction of joints": protocol.physics.joint_friction_nm,
+        }
+        if lacking := [name for name, there in parts.items() if there]:
+            asked = f"what protocol {protocol.name} asks for: {', '.join(lacking)}"
+            raise InputError(f"engine physx cannot do {asked}; try it with engine mujoco")
         if conditions is None and protocol.variation is not None:
             raise InputError(f"protocol {protocol.name} varies: give the conditions, protocol.conditions(n)")
         check_trials(grasps, hand, conditions)

@@ -10,8 +10,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
-from ...core.objects import AXES, SHAPES, GraspObject
+from ...core.errors import InputError, check_name
+from ...core.objects import AXES, SHAPES, GraspObject, Shape
 from ...core.poses import Pose, matrix_to_quat, quat_multiply
 from ...core.tasks import Task, Tasks
 from ...core.taxonomy import GRASP_TYPES, as_type
@@ -54,14 +54,19 @@ class Vocabulary:
                 raise InputError(f"a vocabulary needs names, each of them once, got {', '.join(names) or 'none'}")
         for name in self.grasp_types:
             as_type(name)
+        for name in self.shapes:
+            check_name("shape", name, SHAPES)
+        if len({obj.shape for obj in self.objects}) < len(self.objects):
+            raise InputError("a vocabulary needs objects of different shapes or sizes")
 
     @classmethod
     def of(cls, tasks: Tasks) -> Vocabulary:
         """Collect what tasks ask for; of objects of the same shape the first lends its name."""
         asked = {task.grasp_type.name for task in tasks.distinct}
-        by_shape = {task.object.shape: task.object for task in reversed(tasks.distinct)}
-        objects = dict.fromkeys(by_shape[task.object.shape] for task in tasks.distinct)
-        return cls(tuple(name for name in GRASP_TYPES if name in asked), tuple(objects))
+        objects: dict[Shape, GraspObject] = {}
+        for task in tasks.distinct:
+            objects.setdefault(task.object.shape, task.object)
+        return cls(tuple(name for name in GRASP_TYPES if name in asked), tuple(objects.values()))
 
     def known(self, obj: GraspObject) -> GraspObject | None:
         """Look up the known object of the same shape, None where there is none."""
@@ -98,15 +103,21 @@ class Vocabulary:
         """Describe the vocabulary as plain data."""
         return {
             "grasp_types": list(self.grasp_types),
-            "objects": {obj.name: obj.to_json() for obj in self.objects},
+            "objects": [{"name": obj.name} | obj.to_json() for obj in self.objects],
             "shapes": list(self.shapes),
         }
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Vocabulary:
-        """Rebuild a vocabulary from `to_json()`; KeyError, TypeError or InputError where it is malformed."""
-        objects = tuple(GraspObject.from_json(name, about) for name, about in dict(data["objects"]).items())
-        return cls(tuple(map(str, data["grasp_types"])), objects, tuple(map(str, data["shapes"])))
+        """Rebuild a vocabulary from `to_json()`; an InputError says that it is malformed."""
+        try:
+            named = [(about["name"], {key: about[key] for key in about if key != "name"}) for about in data["objects"]]
+            types, shapes = (tuple(map(str, data[key])) for key in ("grasp_types", "shapes"))
+        except (KeyError, TypeError) as error:
+            raise InputError(
+                f"a vocabulary lists grasp_types, objects with their names, and shapes: {error}"
+            ) from error
+        return cls(types, tuple(GraspObject.from_json(name, about) for name, about in named), shapes)
 
 
 def check_side(task: Task) -> None:

@@ -163,6 +163,11 @@ class GraspSampler(Proposal):
         """Grasp types that the hand can make and that were seen in training."""
         return tuple(kind for kind in self.hand.grasp_types if kind.name in self.vocabulary.grasp_types)
 
+    @property
+    def objects(self) -> tuple[GraspObject, ...]:
+        """Objects that it knows, where it tells them by name, otherwise those of the catalogue."""
+        return self.vocabulary.objects if self.factorization.object_code == "label" else super().objects
+
     def fingerprint(self) -> str:
         """Compute a short digest of the weights."""
         digest = hashlib.sha256()
@@ -181,8 +186,9 @@ class GraspSampler(Proposal):
 
     def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
         """Say for a file where grasps come from, and what was measured of the type and object (`Proposal.origin`)."""
-        cell = f"{kind.name}/{(self.vocabulary.known(obj) or obj).name}"
-        measured = {cell: dict(self.measured[cell])} if cell in self.measured else {}
+        names = (obj.name, (self.vocabulary.known(obj) or obj).name)
+        cell = next((cell for name in names if (cell := f"{kind.name}/{name}") in self.measured), None)
+        measured = {} if cell is None else {cell: dict(self.measured[cell])}
         return super().origin(kind, obj) | {"measured": measured}
 
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:
