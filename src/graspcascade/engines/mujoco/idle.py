@@ -84,10 +84,12 @@ class IdleFinder:
 
     def find(self, qpos: NDArray[np.float64]) -> Idle | None:
         """Find the first of `idle_sets` that is clear in a state of the whole world, None if none is."""
-        for place in range(len(self._between)):
-            pairs, distances = self._distances(qpos, place)
+        for place, between in enumerate(self._between):
+            pairs, distances = self._distances(qpos, between)
             if (distances >= self._leave[pairs]).all():
-                return Idle(place, qpos.copy(), self._slack(pairs, distances))
+                slack = self._slack(qpos, place)
+                if slack >= _LEAVE_OBJECT_M - _KEEP_M:
+                    return Idle(place, qpos.copy(), slack)
         return None
 
     def slack(self, idle: Idle, qpos: NDArray[np.float64], addresses: NDArray[np.intp]) -> float:
@@ -98,20 +100,19 @@ class IdleFinder:
         """
         whole = idle.qpos.copy()
         whole[addresses] = qpos
-        return self._slack(*self._distances(whole, idle.place))
+        return self._slack(whole, idle.place)
 
-    def _slack(self, pairs: NDArray[np.int64], distances: NDArray[np.float64]) -> float:
-        return float(distances[self._with_object[pairs]].min(initial=_NEAR_M)) - _KEEP_M
+    def _slack(self, qpos: NDArray[np.float64], place: int) -> float:
+        between, slack = self._between[place], _NEAR_M
+        with_object = between[self._with_object[between]]
+        for state in _tipped(qpos, self._tips[place]):
+            slack = min(slack, self._distances(state, with_object)[1].min(initial=_NEAR_M))
+        return slack - _KEEP_M
 
-    def _distances(self, qpos: NDArray[np.float64], place: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Measure the pairs of a set that are nearer than `_NEAR_M`, however its digits tip: places and distances."""
-        measured = [self._distances_at(state, self._between[place]) for state in _tipped(qpos, self._tips[place])]
-        pairs, distances = zip(*measured, strict=True)
-        return np.concatenate(pairs), np.concatenate(distances)
-
-    def _distances_at(
+    def _distances(
         self, qpos: NDArray[np.float64], places: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Measure the pairs that are nearer than `_NEAR_M`: their places and distances."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         first, second = self._pairs[places].T
