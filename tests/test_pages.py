@@ -151,3 +151,10 @@ def test_the_page_on_speed_has_the_measured_agreement_under_hold() -> None:
     n = heuristic["n"]
     assert f"{agree[0]:.2f} % of {n:,} abridged trials of the heuristic and {agree[1]:.2f} % of the cascade's" in page
     assert f"{wrong[0]:.2f} and {wrong[1]:.2f} % are held only when abridged" in page
+
+
+def test_the_page_on_hands_is_right_about_the_mesh_hand_under_hold() -> None:
+    rows = json.loads((DOCS / "results" / "hand_comparison_hold.json").read_text(encoding="utf-8"))["types"]
+    points = [100 * (row["held_mesh"]["rate"] - row["held_primitives"]["rate"]) for row in rows]
+    assert len(points) == 12
+    assert max(map(abs, points)) < 3.0
