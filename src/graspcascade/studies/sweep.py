@@ -184,7 +184,7 @@ class Point:
 
 def sweep(
     proposal: Proposal,
-    sweeps: Sequence[Sweep],
+    sweeps: Sequence[Sweep | str],
     *,
     per_cell: int,
     seed: int,
@@ -197,7 +197,7 @@ def sweep(
 
     Args:
         proposal: draws the grasps.
-        sweeps: what changes.
+        sweeps: what changes; as values, or as they are typed (see `Sweep.read`).
         per_cell: trials for each object and type at each value.
         seed: of every draw; grasps, and draws of a protocol that varies, are the same at all values.
         protocol: what the sweeps change, or its name.
@@ -212,18 +212,19 @@ def sweep(
     Examples:
         >>> from graspcascade import GraspSampler, as_object, as_type
         >>> cells = [(as_object("box_medium"), as_type("tripod"))]
-        >>> sampler, sweeps = GraspSampler.pretrained(), [Sweep("friction", (0.3, 0.8))]
-        >>> [point.value for point in sweep(sampler, sweeps, per_cell=2, seed=0, cells=cells)]
+        >>> points = sweep(GraspSampler.pretrained(), ["friction=0.3,0.8"], per_cell=2, seed=0, cells=cells)
+        >>> [point.value for point in points]
         [0.3, 0.8]
     """
     base = as_protocol(protocol)
     if out is not None and Path(out).exists() and not Path(out).is_dir():
         raise InputError(f"{out} is a file; a sweep is kept in a folder")
-    names = [each.condition for each in sweeps]
+    chosen = [Sweep.read(each) if isinstance(each, str) else each for each in sweeps]
+    names = [each.condition for each in chosen]
     if not names or len(set(names)) < len(names):
         raise InputError(f"give conditions to sweep, each once, got {', '.join(names) or 'none'}")
     # Every protocol is made before hours of trials: one of them may make no sense.
-    planned = [(each.condition, value, each.protocol(base, value)) for each in sweeps for value in each.values]
+    planned = [(each.condition, value, each.protocol(base, value)) for each in chosen for value in each.values]
     points: list[Point] = []
 
     def tell(done: int, total: int) -> None:
