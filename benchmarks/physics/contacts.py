@@ -260,10 +260,8 @@ class StepCost:
             grasps = sampler.sample(kind, name, None, n=1, seed=1)
             world = build_world(hand, as_object(name), PAPER.physics)
             model, data = world.model, mujoco.MjData(world.model)
-            order, (low, high) = hand.columns_in(grasps.joint_names), world.control_range.T
-            opened, closed = (
-                np.clip(angles[0, order] @ world.control_map, low, high) for angles in (grasps.pregrasp, grasps.posture)
-            )
+            order = hand.columns_in(grasps.joint_names)
+            opened, closed = (world.controls(angles[0, order]) for angles in (grasps.pregrasp, grasps.posture))
             data.qpos[world.joint_qpos] = grasps.pregrasp[0, order][world.joints]
             pose, start = grasps.X_hand_object, world.object_qpos
             data.qpos[start : start + 7] = np.concatenate([pose.position_m[0], pose.quat_wxyz[0]])

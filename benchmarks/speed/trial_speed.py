@@ -109,7 +109,7 @@ def step_parts(arguments: Arguments) -> list[dict[str, Any]]:
             model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
             data.qpos[world.joint_qpos] = states[row][: len(grasps.joint_names)][world.joints]
             data.qpos[world.object_qpos : world.object_qpos + 7] = states[row][len(grasps.joint_names) :]
-            data.ctrl[:] = np.clip(grasps.posture[row] @ world.control_map, *world.control_range.T)
+            data.ctrl[:] = world.controls(grasps.posture[row])
             model.opt.gravity[:] = PAPER.schedule.acceleration[-1]
             mujoco.mj_step(model, data, 25)
             contacts += data.ncon

@@ -91,10 +91,7 @@ class RawEngine:
         pose = self.grasps.X_hand_object
         data.qpos[world.joint_qpos] = self._pregrasp[row]
         data.qpos[place] = np.concatenate([pose.position_m[row], pose.quat_wxyz[row]])
-        begin, end = (
-            np.clip(posture[row] @ world.control_map, *world.control_range.T)
-            for posture in (self._pregrasp, self.grasps.posture)
-        )
+        begin, end = (world.controls(posture[row]) for posture in (self._pregrasp, self.grasps.posture))
         controls = begin + self._fraction * (end - begin)
         control, gravity = data.ctrl, model.opt.gravity
         for step in range(schedule.carry_begins):

@@ -142,13 +142,15 @@ def run_trials(
     return as_engine(engine, **options).run(chosen, grasps, trial, conditions, observe=observe, progress=progress)
 
 
-def check_trials(grasps: Grasps, hand: Hand, conditions: Conditions | None) -> None:
+def check_trials(grasps: Grasps, hand: Hand, protocol: Protocol, conditions: Conditions | None) -> None:
     """Check that grasps are of a hand's joints, in whatever order, and that they and their conditions can be tried.
 
     Raises:
-        InputError: joints are lacking or foreign, a number is out of range (see `check_numbers`), or conditions are of
-            another number of trials or leave nothing of an object.
+        InputError: joints are lacking or foreign, a number is out of range (see `check_numbers`), or conditions are
+            lacking though the protocol varies, of another number of trials, or leave nothing of an object.
     """
+    if conditions is None and protocol.variation is not None:
+        raise InputError(f"protocol {protocol.name} varies: give the conditions, protocol.conditions(n)")
     hand.columns_in(grasps.joint_names)
     foreign = [name for name in grasps.joint_names if name not in hand.joint_names]
     if foreign:

@@ -19,13 +19,18 @@ _CLEARANCE_M = 0.005
 Pair = tuple[int, int]
 
 
-def digit_of_geoms(model: Any, hand: Hand) -> NDArray[np.int64]:
-    """Find the place of each geom's digit among the hand's ``(n_geoms,)``, -1 for what belongs to none."""
+def digit_of_bodies(model: Any, hand: Hand) -> NDArray[np.int64]:
+    """Find the place of each body's digit among the hand's ``(n_bodies,)``, -1 for what belongs to none."""
     place = {hand.prefix + digit.root: place for place, digit in enumerate(hand.digits.values())}
     of_body = np.full(model.nbody, -1, dtype=np.int64)
     for body in range(1, model.nbody):  # parents come before their children
         of_body[body] = place.get(model.body(body).name, of_body[model.body_parentid[body]])
-    return np.asarray(of_body[model.geom_bodyid])
+    return of_body
+
+
+def digit_of_geoms(model: Any, hand: Hand) -> NDArray[np.int64]:
+    """Find the place of each geom's digit among the hand's ``(n_geoms,)``, -1 for what belongs to none."""
+    return np.asarray(digit_of_bodies(model, hand)[model.geom_bodyid])
 
 
 def digit_pairs(digit_of_geom: Mapping[int, int], thumb: int) -> list[Pair]:

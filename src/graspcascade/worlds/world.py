@@ -50,6 +50,10 @@ class World:
     touch_sensors: tuple[tuple[int, ...], ...]
     overlap_sensor: int
 
+    def controls(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Compute the actuators' targets ``(..., n_actuators)``, within their ranges, for angles ``(..., J)``."""
+        return np.asarray(np.clip(angles @ self.control_map, *self.control_range.T))
+
 
 def build_world(
     hand: Hand, obj: GraspObject, physics: Physics, *, reduced: bool = True, without: Collection[str] = ()

@@ -8,6 +8,7 @@ takes a fifteenth of a second.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +57,7 @@ class Hastener:
         last_step: int,
     ) -> None:
         def steps(seconds: float) -> int:
-            return max(1, -int(-seconds / time_step_s // stride)) * stride
+            return max(1, ceil(seconds / time_step_s / stride)) * stride
 
         model, coupled = world.model, {hand.prefix + name for c in hand.couplings for name in c.joints}
         self._coupled = np.array([model.joint(int(joint)).name in coupled for joint in model.dof_jntid])

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...hands import Hand
-from ...worlds.pairs import digit_of_geoms
+from ...worlds.pairs import digit_of_bodies, digit_of_geoms
 from ...worlds.world import OBJECT, World, object_rows
 
 
@@ -137,14 +137,11 @@ class _Tip:
 
 def _tips(model: Any, hand: Hand, digits: Sequence[str]) -> list[_Tip]:
     """List the neighbouring joints of each tendon in some digits."""
-    roots = {int(model.body(hand.prefix + hand.digits[name].root).id) for name in digits}
+    digit, places = digit_of_bodies(model, hand), [list(hand.digits).index(name) for name in digits]
     tips = []
     for coupling in hand.couplings:
         joints = [model.joint(hand.prefix + name) for name in coupling.joints]
-        body = int(joints[0].bodyid[0])
-        while body and body not in roots:
-            body = int(model.body_parentid[body])
-        if coupling.kind == "tendon" and body:
+        if coupling.kind == "tendon" and digit[joints[0].bodyid[0]] in places:
             for first in range(len(joints) - 1):
                 pair, weights = joints[first : first + 2], np.array(coupling.coefficients[first : first + 2])
                 addresses = (int(pair[0].qposadr[0]), int(pair[1].qposadr[0]))

@@ -83,9 +83,7 @@ class MujocoEngine(Engine):
             raise InputError("an abridged trial cannot be observed; give creep=None")
         if self.n_threads < 0 or self.n_slots < 1:
             raise InputError(f"threads must be at least 0 and slots at least 1, got {self.n_threads}, {self.n_slots}")
-        if conditions is None and protocol.variation is not None:
-            raise InputError(f"protocol {protocol.name} varies: give the conditions, protocol.conditions(n)")
-        check_trials(grasps, hand, conditions)
+        check_trials(grasps, hand, protocol, conditions)
         # One runner a thread: what each does between steps goes on while the others step. An observer has one.
         n_runners = 1 if observe is not None else max(1, min(self.n_threads or processors(), len(grasps)))
         shares = [np.arange(first, len(grasps), n_runners) for first in range(n_runners)]

@@ -70,6 +70,7 @@ class SlotGroup:
         self.ctrl, self.sensors = self.batch.bind("ctrl"), self.batch.bind("sensordata")
         self.gravity, self._disabled = self.batch.expand("opt.gravity"), self.batch.expand("opt.disableflags")
         self._ramps = np.array([phase.ramp for phase in self.schedule.phases])
+        self._ends = np.array(self.schedule.ends)
         self._pushes = self.batch.bind("xfrc_applied") if self.schedule.force.any() else None
         self._body = int(self.world.model.body(OBJECT).id)
         self._sensors_on = int(self.world.model.opt.disableflags)
@@ -96,8 +97,7 @@ class SlotGroup:
     def aim(self, *ways: NDArray[np.float64], trials: TrialSetup) -> None:
         """Set pregrasp, contact and posture, ``(n, J)`` radians each, and the objects, for all trials to come."""
         self._trials = trials
-        low, high = self.world.control_range.T
-        self._targets = np.stack([np.clip(angles @ self.world.control_map, low, high) for angles in ways])
+        self._targets = np.stack([self.world.controls(angles) for angles in ways])
 
     @property
     def active(self) -> Slots:
@@ -194,7 +194,7 @@ class SlotGroup:
 
     def _advance_ramped(self, slots: Slots) -> None:
         place = self.schedule.phase[self.step[slots]]
-        ahead = np.minimum(self._long_stretch, np.array(self.schedule.ends)[place] - self.step[slots])
+        ahead = np.minimum(self._long_stretch, self._ends[place] - self.step[slots])
         for count in np.unique(ahead):
             some, ramp = slots[ahead == count], self._ramps[place[ahead == count]]
             trials = self.trial[some]

@@ -79,9 +79,7 @@ class PhysxEngine(Engine):
         if lacking := [name for name, there in parts.items() if there]:
             asked = f"what protocol {protocol.name} asks for: {', '.join(lacking)}"
             raise InputError(f"engine physx cannot do {asked}; try it with engine mujoco")
-        if conditions is None and protocol.variation is not None:
-            raise InputError(f"protocol {protocol.name} varies: give the conditions, protocol.conditions(n)")
-        check_trials(grasps, hand, conditions)
+        check_trials(grasps, hand, protocol, conditions)
         runner = _Runner(hand, grasps, protocol, conditions, observe)
         for trial in range(len(grasps)):
             runner.run(trial)
@@ -109,10 +107,8 @@ class _Runner:
         order = hand.columns_in(grasps.joint_names)
         self.to_grasps = np.argsort(order)
         self.pregrasp = hand.clip(grasps.pregrasp[:, order])
-        low, high = self.world.control_range.T
-        self.control_from, self.control_to = (
-            np.clip(angles @ self.world.control_map, low, high) for angles in (self.pregrasp, grasps.posture[:, order])
-        )
+        self.control_from = self.world.controls(self.pregrasp)
+        self.control_to = self.world.controls(grasps.posture[:, order])
         pose, turn = grasps.X_hand_object, self.conditions.rotation_error_quat_wxyz
         self.start_m = pose.position_m + self.conditions.position_error_m
         self.start_quat = quat_multiply(turn, pose.quat_wxyz)
