@@ -6,10 +6,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from graspcascade.core.grasps import Grasps
+from graspcascade.core.objects import as_object
 from graspcascade.core.outcomes import VERDICTS, Outcomes
-from graspcascade.core.taxonomy import DIGITS
+from graspcascade.core.tasks import Task, Tasks
+from graspcascade.core.taxonomy import AREAS, DIGITS, FEIX_TYPES
 
 flags = hnp.arrays(bool, (len(DIGITS) + 1,))
+LENGTHS = {"box:30x59x20mm": 59, "box:60x30x60mm": 60, "cylinder:30x90mm": 90, "sphere:62mm": 62}
+"""Objects, and how long they are across a site along x, in millimetres."""
 
 
 def assert_same(a: Outcomes, b: Outcomes) -> None:
@@ -57,6 +61,9 @@ def test_blank_outcomes_claim_nothing() -> None:
     blank = Outcomes.blank(3, 22)
     assert not blank.held.any()
     assert not blank.touching_end.any()
+    assert blank.areas_closed.shape == blank.areas_end.shape == (3, 5)
+    assert not blank.areas_closed.any()
+    assert not blank.areas_end.any()
     assert np.isnan(blank.settled_posture).all()
     for verdict in VERDICTS:
         blank.verdict[0] = verdict
@@ -71,8 +78,20 @@ def test_a_held_grasp_is_faithful_when_its_types_digits_touch(drawn: Grasps, tou
     outcomes.verdict[:] = "held"
     touched = {digit for digit, flag in zip(DIGITS, touching, strict=False) if flag}
     for task, faithful in zip(drawn.tasks, outcomes.faithful(drawn), strict=True):
-        kind = task.grasp_type
-        assert faithful == (set(kind.required) <= touched and (not kind.any_of or bool(set(kind.any_of) & touched)))
+        assert faithful == all(set(contact.digits) & touched for contact in task.grasp_type.contacts)
+
+
+def test_a_grasp_is_faithful_by_where_its_digits_touch_and_how_long_the_object_is(drawn: Grasps) -> None:
+    tasks = [Task(FEIX_TYPES["parallel_extension"], obj, obj.site("x")) for obj in map(as_object, LENGTHS)]
+    grasps = Grasps.from_columns(drawn.hand, drawn.joint_names, Tasks.of(tasks), drawn[: len(tasks)].columns())
+    outcomes = Outcomes.blank(len(tasks), 22)
+    outcomes.verdict[:], outcomes.touching_end[:, :5] = "held", True
+    outcomes.areas_end[:] = 1 << AREAS.index("distal_pad")
+    assert outcomes.faithful(grasps).all()
+    outcomes.areas_end[:, 4] = 1 << AREAS.index("distal_radial")
+    assert outcomes.faithful(grasps).tolist() == [length < 85 for length in LENGTHS.values()]
+    outcomes.areas_end[:, 3] = 1 << AREAS.index("proximal_pad")
+    assert outcomes.faithful(grasps).tolist() == [length < 60 for length in LENGTHS.values()]
 
 
 @given(first=flags, more=flags)

@@ -88,7 +88,7 @@ def test_seeds_are_inside_the_limits(hand: Hand, seeds: LabelledPostures) -> Non
 def test_seeds_are_human_like(hand: Hand, seeds: LabelledPostures, name: str) -> None:
     """Compare means joint by joint: within one human standard deviation for 80 % of the joints of holding digits."""
     kind, human = GRASP_TYPES[name], human_statistics(name, hand.joint_names)
-    letters = tuple(LETTERS[digit] for digit in (*kind.required, *kind.any_of))
+    letters = tuple(LETTERS[digit] for digit in kind.digits)
     holding = human.recorded & np.array([joint.startswith(letters) for joint in hand.joint_names])
     away = np.abs(postures_of(seeds, name).mean(axis=0) - human.mean) / human.sd
     assert (away[holding] < 1).mean() >= 0.8

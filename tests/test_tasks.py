@@ -34,6 +34,23 @@ def test_a_task_is_made_of_a_type_an_object_and_a_side() -> None:
 
 
 @pytest.mark.parametrize(
+    ("size", "axis", "length"),
+    [
+        ("box:32x41x60mm", "x", 0.06),
+        ("box:32x41x60mm", "z", 0.041),
+        ("cylinder:27x80mm", "x", 0.08),
+        ("cylinder:27x80mm", "z", 0.027),
+        ("cylinder:50x20mm", "y", 0.05),
+        ("sphere:40mm", "y", 0.04),
+    ],
+)
+def test_an_object_is_as_long_as_its_longest_extent_across_the_opposition_axis(
+    size: str, axis: str, length: float
+) -> None:
+    assert Task.of("tripod", size, axis).length_m == length
+
+
+@pytest.mark.parametrize(
     ("arguments", "says"),
     [
         (("tripodd", "box_small", "x"), "unknown grasp type 'tripodd'. Did you mean 'tripod'"),

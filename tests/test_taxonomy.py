@@ -9,7 +9,18 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from graspcascade.core.errors import InputError
-from graspcascade.core.taxonomy import DIGITS, GRASP_TYPES, GraspType, as_type
+from graspcascade.core.taxonomy import (
+    AREAS,
+    DIGITS,
+    FEIX_TYPES,
+    GRASP_TYPES,
+    PAPER_TYPES,
+    TAXONOMIES,
+    Contact,
+    GraspType,
+    as_type,
+    taxonomy_of,
+)
 
 THREE = {"thumb", "index", "middle"}
 TWO = {"thumb", "index"}
@@ -66,8 +77,8 @@ def test_a_hand_without_some_fingers_is_judged_by_those_it_has(
     faithful = kind.is_faithful(np.concatenate([touching[:, columns], palm], axis=1), digits)
     absent = touching.copy()
     absent[:, [DIGITS.index(digit) for digit in lacking]] = False
-    if set(kind.any_of) and set(kind.any_of) <= lacking:
-        assert not faithful.any(), "one of several fingers must touch, and the hand has none of them"
+    if any(set(contact.digits) <= lacking for contact in kind.contacts):
+        assert not faithful.any(), "a digit must touch that the hand does not have"
     np.testing.assert_array_equal(faithful, kind.is_faithful(absent))
 
 
@@ -100,8 +111,7 @@ def test_the_thumb_opposes_the_index_finger_and_both_must_touch(kind: GraspType)
     thumb, index = kind.opposition
     assert thumb.startswith("thumb_")
     assert index.startswith("index_")
-    assert set(kind.required) >= TWO
-    assert set(kind.required) | set(kind.any_of) <= set(DIGITS)
+    assert [contact.digits for contact in kind.contacts[:2]] == [("thumb",), ("index",)]
 
 
 def test_only_the_types_with_straight_fingers_oppose_the_middle_phalanx() -> None:
@@ -137,4 +147,127 @@ def test_an_endless_type_name_is_shortened_in_the_message() -> None:
 
 def test_a_type_cannot_be_changed() -> None:
     with pytest.raises(AttributeError):
-        GRASP_TYPES["tripod"].required = ()  # type: ignore[misc]
+        GRASP_TYPES["tripod"].contacts = ()  # type: ignore[misc]
+
+
+# Types that ask where a digit touches
+
+TOUCH_TYPES = list(FEIX_TYPES.values())
+SHORT, LONG = 0.03, 0.10
+
+
+def masks(**areas: str) -> np.ndarray:
+    """Bit masks of the five digits, from the names of the areas that each touches, set apart by spaces."""
+    return np.array([sum(1 << AREAS.index(area) for area in areas.get(digit, "").split()) for digit in DIGITS])
+
+
+def is_faithful(name: str, areas: np.ndarray, length_m: float = SHORT, digits: tuple[str, ...] = DIGITS) -> bool:
+    return bool(FEIX_TYPES[name].is_faithful(areas != 0, digits, areas, length_m))
+
+
+GOOD = {
+    "tripod": {"thumb": "distal_pad", "index": "distal_end", "middle": "distal_pad"},
+    "palmar_pinch": {"thumb": "distal_pad", "index": "distal_pad"},
+    "parallel_extension": {"thumb": "distal_pad", "index": "middle_pad", "middle": "distal_pad"},
+    "writing_tripod": {"thumb": "distal_end", "index": "distal_radial", "middle": "distal_radial"},
+    "lateral_tripod": {"thumb": "distal_pad", "index": "distal_pad", "middle": "middle_radial"},
+    "tip_pinch": {"thumb": "distal_end", "index": "distal_end"},
+}
+
+
+@pytest.mark.parametrize("name", FEIX_TYPES)
+def test_the_right_areas_make_a_grasp_faithful_and_one_missing_spoils_it(name: str) -> None:
+    assert is_faithful(name, masks(**GOOD[name]))
+    for digit in GOOD[name]:
+        assert not is_faithful(name, masks(**GOOD[name] | {digit: ""}))
+        assert not is_faithful(name, masks(**GOOD[name] | {digit: "proximal_back distal_back middle_ulnar"}))
+
+
+@pytest.mark.parametrize(
+    ("name", "digit", "area"),
+    [
+        ("tripod", "middle", "distal_radial"),
+        ("palmar_pinch", "index", "middle_pad"),
+        ("palmar_pinch", "thumb", "distal_end"),
+        ("parallel_extension", "index", "proximal_pad"),
+        ("writing_tripod", "middle", "distal_pad"),
+        ("writing_tripod", "middle", "middle_radial"),
+        ("lateral_tripod", "middle", "distal_pad"),
+        ("lateral_tripod", "thumb", "distal_radial"),
+        ("tip_pinch", "index", "distal_pad"),
+    ],
+)
+def test_a_contact_on_another_part_of_the_digit_does_not_count(name: str, digit: str, area: str) -> None:
+    assert not is_faithful(name, masks(**GOOD[name] | {digit: area}))
+    assert is_faithful(name, masks(**GOOD[name] | {digit: f"{area} {GOOD[name][digit]}"})), "one right area is enough"
+
+
+def test_a_long_object_asks_for_more_fingers() -> None:
+    three, name = masks(**GOOD["parallel_extension"]), "parallel_extension"
+    four = three | masks(ring="middle_pad")
+    five = four | masks(little="distal_pad")
+    assert [is_faithful(name, three, length) for length in (0.0599, 0.06, 0.1)] == [True, False, False]
+    assert [is_faithful(name, four, length) for length in (0.06, 0.0849, 0.085)] == [True, True, False]
+    assert is_faithful(name, five, LONG)
+    assert not is_faithful(name, four | masks(little="distal_radial"), LONG)
+
+
+def test_a_hand_is_not_asked_for_fingers_that_only_long_objects_need() -> None:
+    areas = masks(**GOOD["parallel_extension"])[:3]
+    assert is_faithful("parallel_extension", areas, LONG, DIGITS[:3])
+    assert not is_faithful("parallel_extension", areas[:2], SHORT, DIGITS[:2]), "the middle finger is always asked for"
+
+
+@pytest.mark.parametrize("kind", TOUCH_TYPES, ids=list(FEIX_TYPES))
+@given(areas=hnp.arrays(np.uint16, (3, 5), elements=st.integers(0, 2 ** len(AREAS) - 1)), length=st.floats(0.02, 0.12))
+def test_one_more_area_never_spoils_a_faithful_grasp(kind: GraspType, areas: np.ndarray, length: float) -> None:
+    faithful = kind.is_faithful(areas != 0, DIGITS, areas, length)
+    assert faithful.tolist() == [kind.is_faithful(row != 0, DIGITS, row, length) for row in areas]
+    for bit in range(len(AREAS)):
+        assert (kind.is_faithful(areas != 0, DIGITS, areas | 1 << bit, length) >= faithful).all()
+
+
+@pytest.mark.parametrize("kind", TOUCH_TYPES, ids=list(FEIX_TYPES))
+def test_without_recorded_areas_nothing_is_faithful_to_a_type_that_asks_for_them(kind: GraspType) -> None:
+    assert not kind.is_faithful(np.ones(5, dtype=bool), DIGITS, length_m=SHORT)
+
+
+@pytest.mark.parametrize("kind", GRASP_TYPES.values(), ids=list(GRASP_TYPES))
+@given(touching=hnp.arrays(bool, 5), areas=hnp.arrays(np.uint16, 5), length=st.floats(0.02, 0.12))
+def test_the_papers_types_ask_neither_where_nor_how_long(
+    kind: GraspType, touching: np.ndarray, areas: np.ndarray, length: float
+) -> None:
+    assert kind.is_faithful(touching, DIGITS, areas, length) == kind.is_faithful(touching)
+
+
+def test_both_taxonomies_have_the_same_types_by_other_rules() -> None:
+    assert list(PAPER_TYPES) == list(FEIX_TYPES)
+    for name, kind in FEIX_TYPES.items():
+        assert kind.feix_number == PAPER_TYPES[name].feix_number
+        assert kind != PAPER_TYPES[name]
+        assert as_type(name, FEIX_TYPES) is kind
+    assert {name: {kind.taxonomy for kind in types.values()} for name, types in TAXONOMIES.items()} == {
+        "paper": {"paper"},
+        "feix": {"feix"},
+    }
+    assert GRASP_TYPES is PAPER_TYPES
+
+
+def test_types_of_two_taxonomies_are_not_mixed() -> None:
+    assert taxonomy_of(FEIX_TYPES.values()) == "feix"
+    assert taxonomy_of([]) == "paper"
+    with pytest.raises(InputError, match="of paper and feix have the same names and other rules"):
+        taxonomy_of([PAPER_TYPES["tripod"], FEIX_TYPES["tripod"]])
+
+
+@pytest.mark.parametrize(
+    ("digits", "areas", "says"),
+    [
+        (("thum",), (), "unknown digit 'thum'. Did you mean 'thumb'"),
+        (("thumb",), ("distal_pads",), "unknown area of a digit 'distal_pads'. Did you mean 'distal_pad'"),
+    ],
+)
+def test_a_contact_with_an_unknown_name_is_refused(digits: tuple, areas: tuple, says: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Contact(digits, areas)
+    assert says in str(caught.value)

@@ -39,6 +39,9 @@ class Outcomes:
         verdict: ``(n,)`` one of `VERDICTS`.
         touching_closed: ``(n, D + 1)`` contacts with the object after closing, columns `touch_columns`.
         touching_end: ``(n, D + 1)`` the same at the end of a held trial, False for failures.
+        areas_closed: ``(n, D)`` where each digit touched the object after closing: masks of `taxonomy.AREAS`, 0 where
+            it did not, or where nobody recorded it.
+        areas_end: ``(n, D)`` the same at the end of a held trial, 0 for failures.
         settled_posture: ``(n, J)`` joint angles after closing, radians; NaN where closing was not reached.
         X_hand_object_settled: object pose after closing; NaN likewise.
         object_size_m: ``(n,)`` thumb-tip to index-tip distance after closing, metres; NaN likewise.
@@ -52,6 +55,8 @@ class Outcomes:
     verdict: NDArray[np.str_]
     touching_closed: NDArray[np.bool_]
     touching_end: NDArray[np.bool_]
+    areas_closed: NDArray[np.uint16]
+    areas_end: NDArray[np.uint16]
     settled_posture: NDArray[np.float64]
     X_hand_object_settled: Pose
     object_size_m: NDArray[np.float64]
@@ -75,10 +80,11 @@ class Outcomes:
         return np.asarray(self.held & (self.turn_rad < STEADY_RAD))
 
     def faithful(self, grasps: Grasps) -> NDArray[np.bool_]:
-        """Tell which grasps ``(n,)`` held and touch every digit their type needs."""
-        faithful = self.held.copy()
+        """Tell which grasps ``(n,)`` held and touch with every digit, and where on it, that their type needs."""
+        faithful, length_m = self.held.copy(), grasps.tasks.column(lambda task: task.length_m, np.float64)
         for kind, rows in grasps.tasks.groups(lambda task: task.grasp_type):
-            faithful[rows] &= kind.is_faithful(self.touching_end[rows], self.digits)
+            touches = self.touching_end[rows], self.digits, self.areas_end[rows]
+            faithful[rows] &= kind.is_faithful(*touches, length_m[rows])
         return faithful
 
     def __len__(self) -> int:
@@ -120,8 +126,10 @@ class Outcomes:
     def blank(cls, n: int, n_joints: int, digits: Sequence[str] = DIGITS) -> Outcomes:
         """Make n rows to be filled in by an engine."""
         closed, end = np.zeros((2, n, len(digits) + 1), dtype=bool)
+        areas_closed, areas_end = np.zeros((2, n, len(digits)), dtype=np.uint16)
         posture, position, quat = (np.full((n, width), np.nan) for width in (n_joints, 3, 4))
         size, displacement, turn = np.full((3, n), np.nan)
         verdict = np.full(n, "unstable", dtype="<U10")
         settled = Pose(position, quat)
-        return cls(tuple(digits), verdict, closed, end, posture, settled, size, displacement, turn, np.zeros(n))
+        touches = closed, end, areas_closed, areas_end
+        return cls(tuple(digits), verdict, *touches, posture, settled, size, displacement, turn, np.zeros(n))

@@ -43,6 +43,12 @@ class Task:
         return cls(as_type(grasp_type), target, target.site(axis, reach_m))
 
     @property
+    def length_m(self) -> float:
+        """Length of the object across the opposition axis: its longest extent along the other two body axes."""
+        along = int(np.argmax(np.abs(self.site.axis)))
+        return max(extent for place, extent in enumerate(self.object.extents_m) if place != along)
+
+    @property
     def cell(self) -> tuple[str, str]:
         """Names of object and grasp type, by which rates are counted."""
         return self.object.name, self.grasp_type.name

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import FileFormatError, InputError
 from ..core.poses import Pose
-from ..core.taxonomy import GRASP_TYPES, GraspType
+from ..core.taxonomy import GRASP_TYPES, TAXONOMIES, GraspType
 from .kinematics import Kinematics, Vector
 
 Array = NDArray[np.float64]
@@ -181,19 +181,24 @@ class Hand:
 
     @property
     def grasp_types(self) -> tuple[GraspType, ...]:
-        """Grasp types that the hand has the digits and contact places for."""
-        return tuple(kind for kind in GRASP_TYPES.values() if not self._missing(kind))
+        """Grasp types, as `core.taxonomy.GRASP_TYPES` has them, that the hand can make."""
+        return self.possible(GRASP_TYPES.values())
+
+    def possible(self, kinds: Iterable[GraspType]) -> tuple[GraspType, ...]:
+        """Select the grasp types that the hand has the digits and contact places for."""
+        return tuple(kind for kind in kinds if not self._missing(kind))
 
     def _missing(self, kind: GraspType) -> list[str]:
         missing = [name for name in kind.opposition if name not in self.places]
-        missing += [digit for digit in kind.required if digit not in self.digits]
-        return missing + ([" or ".join(kind.any_of)] if kind.any_of and not set(kind.any_of) & set(self.digits) else [])
+        lacking = [each for each in kind.asked_of(self.digits) if not set(each.digits) & set(self.digits)]
+        return missing + [" or ".join(contact.digits) for contact in lacking]
 
     def check_type(self, kind: GraspType) -> None:
         """Check that the hand has what a grasp type needs; an InputError names what it lacks and possible types."""
         missing = self._missing(kind)
         if missing:
-            possible = ", ".join(other.name for other in self.grasp_types) or "none"
+            others = self.possible(TAXONOMIES[kind.taxonomy].values())
+            possible = ", ".join(other.name for other in others) or "none"
             cannot = f"hand {self.name} cannot make a {kind.name}: it has no {', '.join(missing)}"
             raise InputError(f"{cannot}. Possible types: {possible}.")
 

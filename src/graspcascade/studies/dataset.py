@@ -154,6 +154,8 @@ def to_columns(grasps: Grasps, outcomes: Outcomes, conditions: Conditions | None
     columns |= spread_pose("settled_object", outcomes.X_hand_object_settled)
     columns |= spread("touch_closed", outcomes.touch_columns, outcomes.touching_closed)
     columns |= spread("touch_end", outcomes.touch_columns, outcomes.touching_end)
+    columns |= spread("areas_closed", outcomes.digits, outcomes.areas_closed)
+    columns |= spread("areas_end", outcomes.digits, outcomes.areas_end)
     if conditions is not None:
         for name, values in vars(conditions).items():
             columns |= {name: values} if values.ndim == 1 else spread(name, AXES, values)
@@ -199,6 +201,8 @@ def from_columns(
             verdict=np.asarray(columns["verdict"], dtype=str),
             touching_closed=gather(columns, "touch_closed", touch).astype(bool),
             touching_end=gather(columns, "touch_end", touch).astype(bool),
+            areas_closed=_areas(columns, "areas_closed", digits),
+            areas_end=_areas(columns, "areas_end", digits),
             settled_posture=gather(columns, "settled", joint_names),
             X_hand_object_settled=_unit_pose(columns, "settled_object"),
             **{name: numbers[name] for name in _OUTCOME_NUMBERS},
@@ -207,6 +211,13 @@ def from_columns(
     except KeyError as error:
         raise FileFormatError(f"the dataset lacks column {error.args[0]!r}") from error
     return grasps, outcomes, conditions
+
+
+def _areas(columns: Mapping[str, NDArray[Any]], prefix: str, digits: tuple[str, ...]) -> NDArray[np.uint16]:
+    """Join the columns of areas touched ``(n, D)``, zeros where there are none: earlier versions did not record any."""
+    if not any(name.startswith(prefix) for name in columns):
+        return np.zeros((len(columns["verdict"]), len(digits)), dtype=np.uint16)
+    return gather(columns, prefix, digits).astype(np.uint16)
 
 
 def _check_values(columns: Mapping[str, NDArray[Any]], joint_names: tuple[str, ...]) -> None:

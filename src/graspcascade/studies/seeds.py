@@ -224,7 +224,7 @@ def human_likeness(postures: LabelledPostures) -> list[Likeness]:
     for kind in present:
         rows, human = postures.grasp_type == kind.name, human_statistics(kind.name, postures.joint_names)
         deviation = (postures.posture[rows].mean(axis=0) - human.mean) / human.sd
-        prefixes = tuple(_DIGIT_PREFIX[digit] for digit in (*kind.required, *kind.any_of))
+        prefixes = tuple(_DIGIT_PREFIX[digit] for digit in kind.digits)
         holding = np.array([name.startswith(prefixes) for name in postures.joint_names]) & human.recorded
         by_joint = dict(zip(names[holding].tolist(), deviation[holding].tolist(), strict=True))
         compared.append(Likeness(kind.name, int(rows.sum()), human.n_grasps, by_joint))
