@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from graspcascade.core.errors import FileFormatError, InputError
-from graspcascade.core.taxonomy import GRASP_TYPES
+from graspcascade.core.taxonomy import FEIX_TYPES, GRASP_TYPES
 from graspcascade.hands import Hand
 from graspcascade.nets import load_decoders, save_decoders
 from graspcascade.proposals.prior import PosturePrior, type_codes
 from graspcascade.studies.learn import PRIOR_TRAINING, contact_metric, fit_prior
 from graspcascade.studies.postures import LabelledPostures
-from graspcascade.studies.seeds import SeedSpec, human_statistics, make_seeds
+from graspcascade.studies.seeds import FEIX_SEEDS, SeedSpec, human_statistics, make_seeds, nearest_human_type
 
 PER_TYPE = 24
 SPEC = SeedSpec(per_type=PER_TYPE)
@@ -94,6 +94,48 @@ def test_seeds_are_human_like(hand: Hand, seeds: LabelledPostures, name: str) ->
     assert (away[holding] < 1).mean() >= 0.8
 
 
+# Seeds of Feix's types
+
+
+@pytest.fixture(scope="module")
+def feix_seeds(hand: Hand) -> LabelledPostures:
+    return make_seeds(hand, replace(FEIX_SEEDS, per_type=PER_TYPE))
+
+
+@every_type
+def test_feix_seeds_reach_their_apertures_from_8_to_65_mm(hand: Hand, feix_seeds: LabelledPostures, name: str) -> None:
+    thumb, other = hand.opposition(postures_of(feix_seeds, name), FEIX_TYPES[name])
+    aperture = np.linalg.norm(other - thumb, axis=1)
+    wanted = 0.008 + 0.057 * np.linspace(0, 1, PER_TYPE) ** FEIX_SEEDS.aperture_skew
+    np.testing.assert_allclose(aperture, wanted, atol=0.0005)
+
+
+@every_type
+def test_all_fingers_of_a_feix_seed_meet_one_plane_with_the_part_that_the_type_names(
+    hand: Hand, feix_seeds: LabelledPostures, name: str
+) -> None:
+    kind, postures = FEIX_TYPES[name], postures_of(feix_seeds, name)
+    thumb, other = hand.opposition(postures, kind)
+    axis = (other - thumb) / np.linalg.norm(other - thumb, axis=1, keepdims=True)
+    places = hand.place_points(hand.executed(postures), [*kind.opposition[1:], *kind.support])
+    for place in places.values():
+        assert np.abs(((place.point_m - other) * axis).sum(axis=1)).max() < 0.002
+        assert np.median((place.normal * -axis).sum(axis=1)) > 0.6
+
+
+@every_type
+def test_a_recorded_human_would_call_feix_seeds_by_their_type(
+    hand: Hand, feix_seeds: LabelledPostures, name: str
+) -> None:
+    called = nearest_human_type(hand.executed(postures_of(feix_seeds, name)), hand.joint_names)
+    assert (called == name).mean() >= 0.95
+
+
+def test_human_means_are_called_by_their_own_type(hand: Hand) -> None:
+    means = np.array([human_statistics(name, hand.joint_names).mean for name in GRASP_TYPES])
+    assert nearest_human_type(means, hand.joint_names).tolist() == list(GRASP_TYPES)
+
+
 def test_the_same_seed_makes_the_same_postures(hand: Hand) -> None:
     first, second, other = (make_seeds(hand, SeedSpec(per_type=2, seed=seed)) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.posture, second.posture)
@@ -116,6 +158,8 @@ def test_progress_counts_every_seed(hand: Hand) -> None:
         ({"aperture_max_m": np.inf}, "aperture_max_m inf"),
         ({"aperture_skew": -1.0}, "aperture_skew must be finite and not negative, got -1.0"),
         ({"human_weight": np.nan}, "human_weight must be finite"),
+        ({"most_draws": 0}, "most_draws must be at least 1, got 0"),
+        ({"taxonomy": "fiex"}, "feix"),
         *(
             ({f"{aim}_tolerance_m": value}, f"{aim}_tolerance_m must be at least 1e-09, got {value}")
             for aim in ("aperture", "support_plane", "support_reach")

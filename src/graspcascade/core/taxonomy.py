@@ -52,14 +52,15 @@ class GraspType:
 
     Attributes:
         taxonomy: which of `TAXONOMIES` the rules are of; types of one name differ between them.
-        opposition: the two contact places whose connecting line is the opposition axis, thumb first.
+        opposition: contact places, the thumb's first, then one or more that oppose it together: the opposition axis
+            goes from the thumb's to the middle of the others.
         contacts: what a type-faithful grasp must touch with.
         support: contact places that inverse kinematics brings onto the object beside the opposing pair.
     """
 
     name: str
     feix_number: int
-    opposition: tuple[str, str]
+    opposition: tuple[str, ...]
     contacts: tuple[Contact, ...]
     support: tuple[str, ...] = ()
     taxonomy: str = "paper"
@@ -120,6 +121,7 @@ PAPER_TYPES: Mapping[str, GraspType] = _by_name(
 )
 """The paper's grasp types: certain digits touch, wherever on them that is."""
 
+_TWO_PADS, _PAD_AND_SIDE = (*_PADS, "middle_pad"), (*_PADS, "middle_side")
 _PAD, _END, _FLAT = ("distal_pad",), ("distal_end",), ("distal_pad", "middle_pad")
 _TIP, _SIDE = (*_PAD, *_END), ("distal_radial",)
 _HELD_FLAT = (
@@ -130,11 +132,11 @@ _HELD_FLAT = (
 _WRITING = _contacts(thumb=_TIP, index=(*_TIP, *_SIDE), middle=_SIDE)
 _LATERAL = _contacts(thumb=_TIP, index=(*_TIP, *_SIDE), middle=(*_SIDE, "middle_radial"))
 FEIX_TYPES: Mapping[str, GraspType] = _by_name(
-    GraspType("tripod", 14, _PADS, _contacts(thumb=_TIP, index=_TIP, middle=_TIP), ("middle_pad",), "feix"),
+    GraspType("tripod", 14, _TWO_PADS, _contacts(thumb=_TIP, index=_TIP, middle=_TIP), (), "feix"),
     GraspType("palmar_pinch", 9, _PADS, _contacts(thumb=_PAD, index=_PAD), (), "feix"),
-    GraspType("parallel_extension", 22, _PADS, _HELD_FLAT, ("middle_pad", "ring_pad", "little_pad"), "feix"),
-    GraspType("writing_tripod", 20, _PADS, _WRITING, ("middle_side",), "feix"),
-    GraspType("lateral_tripod", 25, _PADS, _LATERAL, ("middle_side",), "feix"),
+    GraspType("parallel_extension", 22, _TWO_PADS, _HELD_FLAT, ("ring_pad", "little_pad"), "feix"),
+    GraspType("writing_tripod", 20, _PAD_AND_SIDE, _WRITING, (), "feix"),
+    GraspType("lateral_tripod", 25, _PAD_AND_SIDE, _LATERAL, (), "feix"),
     GraspType("tip_pinch", 24, ("thumb_end", "index_end"), _contacts(thumb=_END, index=_END), (), "feix"),
 )
 """The same types as Feix et al. draw them: certain parts of certain digits touch."""

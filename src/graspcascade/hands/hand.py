@@ -91,7 +91,7 @@ class PlacePoints:
 
 @dataclass(frozen=True)
 class Closure:
-    """Opposing contact places ``(n, 3)`` in the hand frame and distances ``(n,)`` of thumb and index tip, metres."""
+    """What opposes (see `Hand.opposition`) ``(n, 3)`` in the hand frame and distances ``(n,)`` of thumb and index tip, metres."""
 
     thumb_m: Array
     other_m: Array
@@ -307,10 +307,13 @@ class Hand:
         return self.tip_distance(self.executed(posture))
 
     def opposition(self, posture: ArrayLike, kind: GraspType) -> tuple[Array, Array]:
-        """Locate the two opposing places of a type, ``(n, 3)`` each in metres, thumb first, in the executed posture."""
-        thumb, other = kind.opposition
-        places = self.place_points(self.executed(posture), [thumb, other])
-        return places[thumb].point_m, places[other].point_m
+        """Locate what opposes in a type, thumb first, ``(n, 3)`` each in metres, in the executed posture.
+
+        Of several places that oppose the thumb together it is their middle.
+        """
+        places = self.place_points(self.executed(posture), kind.opposition)
+        thumb, *others = (places[name].point_m for name in kind.opposition)
+        return thumb, sum(others[1:], others[0]) / len(others)
 
     def closure(self, executed: ArrayLike, kinds: Sequence[GraspType], kind_of_row: NDArray[np.intp]) -> Closure:
         """Measure how executed postures of mixed types close; posture i is of type ``kinds[kind_of_row[i]]``."""
@@ -321,8 +324,9 @@ class Hand:
         thumb, other = np.zeros((2, len(kind_of_row), 3))
         for number, kind in enumerate(kinds):
             rows = np.True_ if len(kinds) == 1 else (kind_of_row == number)[:, None]
-            for target, name in zip((thumb, other), kind.opposition, strict=True):
-                np.copyto(target, points[name], where=rows)
+            own, *others = (points[name] for name in kind.opposition)
+            np.copyto(thumb, own, where=rows)
+            np.copyto(other, sum(others[1:], others[0]) / len(others), where=rows)
         return Closure(thumb, other, np.linalg.norm(points["thumb"] - points["index"], axis=-1))
 
     def to_json(self) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from ..core.files import write_json
 from ..core.grasps import Grasps
 from ..core.machine import versions
 from ..core.outcomes import Outcomes
-from ..core.taxonomy import GRASP_TYPES, GraspType, as_type
+from ..core.taxonomy import GRASP_TYPES, TAXONOMIES, GraspType, as_type
 from ..hands import Hand
 from ..nets import EpochRecord, HeadSpec, NumpyDecoder, TrainingSpec, VaeSpec
 from ..proposals.cascade.encoding import (
@@ -49,8 +49,8 @@ LearnFrom = Literal["faithful", "held"]
 ObjectPose = Literal["placed", "settled"]
 Progress = Callable[[str, EpochRecord], None]
 TRAINING_FILE = "training.json"
-N_ROWS = 3 + 3 * max(len(kind.support) for kind in GRASP_TYPES.values())
-"""Rows of a contact metric: the opposition vector, then an offset for each supporting place."""
+N_ROWS = 3 * max(len(kind.opposition) - 1 + len(kind.support) for types in TAXONOMIES.values() for kind in types.values())
+"""Rows of a contact metric: from the thumb's place to the first opposing it, then from there to each further place."""
 _CURVES = ("epoch", "learning_rate", "train_loss", "train_reconstruction", "train_kl", "validation_loss")
 _FINGERTIP_ERRORS_M = (1e-9, 1e9)
 """Beyond these bounds the weight of the contact metric, an inverse square, is no longer a number."""
@@ -119,12 +119,12 @@ def contact_metric(hand: Hand, postures: Array, grasp_types: NDArray[np.str_]) -
 
 
 def _geometry(hand: Hand, postures: Array, kind: GraspType) -> Array:
-    thumb, other = kind.opposition
+    thumb, first, *others = kind.opposition
+    others += [name for name in kind.support if name in hand.places]
     # Averaged by hand instead of `executed`, whose clipping at the limits would hide the slope there.
-    support = [name for name in kind.support if name in hand.places]
-    places = hand.place_points(hand.share(postures), [thumb, other, *support])
-    vectors = [places[other].point_m - places[thumb].point_m]
-    vectors += [places[name].point_m - places[other].point_m for name in support]
+    places = hand.place_points(hand.share(postures), [thumb, first, *others])
+    vectors = [places[first].point_m - places[thumb].point_m]
+    vectors += [places[name].point_m - places[first].point_m for name in others]
     return np.concatenate(vectors, axis=-1)
 
 

@@ -1,14 +1,14 @@
 """Labelled seed postures by inverse kinematics that stays human, and the human statistics it stays close to.
 
 Each seed starts at a draw from the human statistics of its type and moves, by least squares, as little as it can (in
-human standard deviations) until the opposing places are a given aperture apart and the supporting ones lie on the
-object beside the index finger's.
+human standard deviations) until the opposing places are a given aperture apart and the others lie on the object beside
+the first finger's.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from ..core.errors import MAX_SEED, InputError, check_whole
-from ..core.taxonomy import GRASP_TYPES, GraspType
+from ..core.errors import MAX_SEED, InputError, check_name, check_whole
+from ..core.taxonomy import GRASP_TYPES, TAXONOMIES, GraspType
 from ..hands import Hand
 from .postures import LabelledPostures
 
@@ -56,20 +56,28 @@ class SeedSpec:
     support_plane_tolerance_m: float = 0.001
     """Distance of a supporting place from the index finger's contact plane that counts one."""
     support_reach_m: float = 0.021
-    """A supporting place farther than this beside the index finger's is drawn nearer."""
+    """A place farther than this beside the first finger's is drawn nearer, the next one from twice as far, and so on."""
     support_reach_tolerance_m: float = 0.003
     """Excess over that reach that counts one."""
     normal_weight: float = 2.0
-    """Weight of the pads' normals along the opposition axis."""
+    """Weight of the opposing places' normals along the opposition axis."""
+    support_normal_weight: float = 0.0
+    """The same of the places beside the first finger's."""
     human_weight: float = 0.5
     """Weight of the deviation from the human draw, in human standard deviations."""
     draw_spread: float = 0.7
     """Spread of the human draw, in human standard deviations."""
+    most_draws: int = 1
+    """Draws of a posture until the recorded humans would call it by its type (see `nearest_human_type`)."""
+    taxonomy: str = "paper"
+    """Whose grasp types: "paper" or "feix"."""
     seed: int = 0
     """Seed of the draws."""
 
     def __post_init__(self) -> None:
+        check_name("taxonomy", self.taxonomy, TAXONOMIES)
         check_whole("per_type", self.per_type, 1)
+        check_whole("most_draws", self.most_draws, 1)
         check_whole("seed", self.seed, most=MAX_SEED)
         if not 0.0 <= self.aperture_min_m <= self.aperture_max_m < np.inf:
             raise InputError(
@@ -79,9 +87,16 @@ class SeedSpec:
         for name in ("aperture_tolerance_m", "support_plane_tolerance_m", "support_reach_tolerance_m"):
             if not getattr(self, name) >= _FINEST_TOLERANCE_M:
                 raise InputError(f"{name} must be at least {_FINEST_TOLERANCE_M:g}, got {getattr(self, name)}")
-        for name in ("aperture_skew", "support_reach_m", "normal_weight", "human_weight", "draw_spread"):
+        weights = ("normal_weight", "support_normal_weight", "human_weight")
+        for name in ("aperture_skew", "support_reach_m", "draw_spread", *weights):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)}")
+
+
+FEIX_SEEDS = SeedSpec(
+    aperture_min_m=0.008, support_reach_m=0.035, support_normal_weight=2.0, most_draws=16, taxonomy="feix"
+)
+"""Seeds of Feix's types: fingers as far apart as recorded humans hold them, pads or sides turned to the object."""
 
 
 def make_seeds(
@@ -98,19 +113,25 @@ def make_seeds(
         InputError: the hand can make no type.
     """
     spec = spec or SeedSpec()
-    if not hand.grasp_types:
+    types = TAXONOMIES[spec.taxonomy]
+    possible = hand.possible(types.values())
+    if not possible:
         raise InputError(f"hand {hand.name} has the digits and contact places of no grasp type")
     span = spec.aperture_max_m - spec.aperture_min_m
     apertures = spec.aperture_min_m + span * np.linspace(0.0, 1.0, spec.per_type) ** spec.aperture_skew
-    postures, order = [], list(GRASP_TYPES)
-    for kind in hand.grasp_types:
+    postures, order = [], list(types)
+    for kind in possible:
         number = order.index(kind.name)
         rng = np.random.default_rng([spec.seed, number])
         for aperture in apertures.tolist():
-            postures.append(_solve(hand, kind, aperture, spec, rng))
+            for _ in range(spec.most_draws):
+                posture = _solve(hand, kind, aperture, spec, rng)
+                if nearest_human_type(hand.executed(posture[None]), hand.joint_names)[0] == kind.name:
+                    break
+            postures.append(posture)
             if progress is not None:
                 progress(1)
-    names = np.repeat([kind.name for kind in hand.grasp_types], spec.per_type)
+    names = np.repeat([kind.name for kind in possible], spec.per_type)
     return LabelledPostures(hand.joint_names, np.array(postures), names)
 
 
@@ -139,26 +160,29 @@ def _solve(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, rng: 
 
 
 def _contact_residuals(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, postures: Array) -> Array:
-    thumb_name, other_name = kind.opposition
-    support = [name for name in kind.support if name in hand.places]
-    places = hand.place_points(postures, [thumb_name, other_name, *support])
-    thumb, other = places[thumb_name], places[other_name]
-    line = other.point_m - thumb.point_m
+    thumb_name, *opposing = kind.opposition
+    beside_first = (*opposing[1:], *kind.support)
+    places = hand.place_points(postures, [name for name in (*kind.opposition, *beside_first) if name in hand.places])
+    thumb, first = places[thumb_name], places[opposing[0]]
+    line = sum((places[name].point_m for name in opposing[1:]), first.point_m) / len(opposing) - thumb.point_m
     distance = np.linalg.norm(line, axis=-1, keepdims=True)
     axis = line / np.maximum(distance, 1e-9)
     parts = [
         (distance - aperture_m) / spec.aperture_tolerance_m,
         spec.normal_weight * (thumb.normal - axis),
-        spec.normal_weight * (other.normal + axis),
+        *(spec.normal_weight * (places[name].normal + axis) for name in opposing),
     ]
-    for name in support:
-        fingers_between = kind.support.index(name)
-        offset = places[name].point_m - other.point_m
+    for fingers_between, name in enumerate(beside_first):
+        if name not in places:
+            continue
+        offset = places[name].point_m - first.point_m
         out_of_plane = (offset * axis).sum(axis=-1, keepdims=True)
         beside = np.linalg.norm(offset - out_of_plane * axis, axis=-1, keepdims=True)
         reach = spec.support_reach_m * (1 + fingers_between)
         parts.append(out_of_plane / spec.support_plane_tolerance_m)
         parts.append(np.maximum(beside - reach, 0.0) / spec.support_reach_tolerance_m)
+        if spec.support_normal_weight and name not in opposing:
+            parts.append(spec.support_normal_weight * (places[name].normal + axis))
     return np.concatenate(parts, axis=1)
 
 
@@ -194,6 +218,21 @@ def human_statistics(grasp_type: str, joint_names: tuple[str, ...]) -> HumanStat
 
     n_grasps = int(rows[grasp_type, "mean"]["n_grasps"])
     return HumanStatistics(n_grasps, recorded, figures("mean", 0.0), figures("sd", _UNRECORDED_SD_RAD))
+
+
+_LEAST_SD_RAD = np.radians(4.0)
+"""Spread below which differences say nothing: some joints were recorded almost still."""
+
+
+def nearest_human_type(postures: Array, joint_names: Sequence[str]) -> NDArray[np.str_]:
+    """Name the type ``(n,)`` under whose recorded figures postures ``(n, J)`` are likeliest, joints taken one by one."""
+    likelihood = []
+    for name in GRASP_TYPES:
+        human = human_statistics(name, tuple(joint_names))
+        sd = np.maximum(human.sd, _LEAST_SD_RAD)
+        each = -0.5 * ((postures - human.mean) / sd) ** 2 - np.log(sd)
+        likelihood.append(each[:, human.recorded].sum(axis=1))
+    return np.array(list(GRASP_TYPES))[np.argmax(likelihood, axis=0)]
 
 
 @dataclass(frozen=True)
