@@ -91,7 +91,7 @@ class PlacePoints:
 
 @dataclass(frozen=True)
 class Closure:
-    """What opposes (see `Hand.opposition`) ``(n, 3)`` in the hand frame and distances ``(n,)`` of thumb and index tip, metres."""
+    """What opposes (see `Hand.opposition`) ``(n, 3)`` in the hand frame, and tip distances ``(n,)``, all in metres."""
 
     thumb_m: Array
     other_m: Array

@@ -49,7 +49,8 @@ LearnFrom = Literal["faithful", "held"]
 ObjectPose = Literal["placed", "settled"]
 Progress = Callable[[str, EpochRecord], None]
 TRAINING_FILE = "training.json"
-N_ROWS = 3 * max(len(kind.opposition) - 1 + len(kind.support) for types in TAXONOMIES.values() for kind in types.values())
+_TYPES = [kind for types in TAXONOMIES.values() for kind in types.values()]
+N_ROWS = 3 * max(len(kind.opposition) - 1 + len(kind.support) for kind in _TYPES)
 """Rows of a contact metric: from the thumb's place to the first opposing it, then from there to each further place."""
 _CURVES = ("epoch", "learning_rate", "train_loss", "train_reconstruction", "train_kl", "validation_loss")
 _FINGERTIP_ERRORS_M = (1e-9, 1e9)

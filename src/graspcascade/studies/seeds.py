@@ -56,7 +56,7 @@ class SeedSpec:
     support_plane_tolerance_m: float = 0.001
     """Distance of a supporting place from the index finger's contact plane that counts one."""
     support_reach_m: float = 0.021
-    """A place farther than this beside the first finger's is drawn nearer, the next one from twice as far, and so on."""
+    """A place farther than this beside the first finger's is drawn nearer, the next one from twice as far."""
     support_reach_tolerance_m: float = 0.003
     """Excess over that reach that counts one."""
     normal_weight: float = 2.0
@@ -225,7 +225,7 @@ _LEAST_SD_RAD = np.radians(4.0)
 
 
 def nearest_human_type(postures: Array, joint_names: Sequence[str]) -> NDArray[np.str_]:
-    """Name the type ``(n,)`` under whose recorded figures postures ``(n, J)`` are likeliest, joints taken one by one."""
+    """Name the type ``(n,)`` under whose recorded figures postures ``(n, J)`` are likeliest, joint by joint."""
     likelihood = []
     for name in GRASP_TYPES:
         human = human_statistics(name, tuple(joint_names))
