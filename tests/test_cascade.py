@@ -18,9 +18,17 @@ from hypothesis import strategies as st
 
 from graspcascade.core.errors import FileFormatError, InputError
 from graspcascade.core.grasps import Grasps
-from graspcascade.core.objects import AXES, CATALOGUE, Cylinder, GraspObject, Site, as_object
+from graspcascade.core.objects import AXES, CATALOGUE, Box, Cylinder, GraspObject, Site, as_object
 from graspcascade.core.outcomes import Outcomes
-from graspcascade.core.poses import Pose, canonical_quat, quat_conjugate, quat_multiply, rotate, rotation_angle
+from graspcascade.core.poses import (
+    Pose,
+    canonical_quat,
+    quat_conjugate,
+    quat_multiply,
+    quat_to_matrix,
+    rotate,
+    rotation_angle,
+)
 from graspcascade.core.protocols import PAPER
 from graspcascade.core.tasks import Task, Tasks, draw_tasks
 from graspcascade.core.taxonomy import GRASP_TYPES
@@ -36,6 +44,8 @@ from graspcascade.proposals.cascade.encoding import (
     fold_rotations,
     learning_frame,
     shared_quantities,
+    site_axes,
+    site_frames,
 )
 from graspcascade.proposals.cascade.sampler import GraspSampler
 from graspcascade.proposals.cascade.sizes import SizeMode, SizeRule
@@ -434,9 +444,9 @@ def test_quantities_are_shared_when_their_columns_are() -> None:
         tasks = Tasks.of(map(Task.of, *names, rng.choice(list(axes), n)))
         request = Request(tasks, tasks.side_m - 0.005, tasks.side_m + 0.01)
         columns = encode_request(request, EVERYTHING, code)
-        assert shared_quantities(request) == {name for name, value in columns.items() if (value == value[0]).all()}
+        assert shared_quantities(request, code) == {name for name, value in columns.items() if (value == value[0]).all()}
         stage = FACTORIZATIONS["model3"].stages[0]
-        given_here = condition(stage, columns, shared_quantities(request))
+        given_here = condition(stage, columns, shared_quantities(request, code))
         whole = condition_matrix(stage, columns)
         np.testing.assert_array_equal(whole[:, ~given_here.shared], given_here.by_row)
         np.testing.assert_array_equal(whole[:, given_here.shared], np.tile(given_here.shared_values, (n, 1)))
@@ -721,7 +731,7 @@ def any_size() -> FittedCascade:
     """Train on objects of sizes that the catalogue lacks."""
     objects = [as_object(name) for name in ("box:18x27x44mm", "box:40x60x20mm", "cylinder:24x70mm", "sphere:33mm")]
     dataset = pretend_all_held(drawn_candidates(300, objects=objects))
-    return fit_cascade(HAND, dataset, FACTORIZATIONS["model3_any_size"], TINY, workers=1)
+    return fit_cascade(HAND, dataset, FACTORIZATIONS["any_size"], TINY, workers=1)
 
 
 @pytest.mark.parametrize("obj", ["box:32x41x60mm", "cylinder:15x90mm", "sphere:61mm", "box_medium"])
@@ -736,13 +746,48 @@ def test_a_cascade_that_tells_objects_by_shape_survives_its_file(any_size: Fitte
     any_size.save(tmp_path)
     loaded = GraspSampler.load(tmp_path)
     assert loaded.factorization == any_size.sampler.factorization
-    assert loaded.factorization.object_code == "shape"
+    assert loaded.factorization.object_code == "site"
     one, two = (sampler.sample("tip_pinch", "sphere:25mm", n=5) for sampler in (any_size.sampler, loaded))
     for name, column in one.columns().items():
         np.testing.assert_array_equal(column, two.columns()[name])
 
 
-def test_size_is_what_a_cascade_by_shape_goes_by(any_size: FittedCascade) -> None:
-    sampler = dataclasses.replace(any_size.sampler, size_mode="paper")
+def test_size_is_what_a_cascade_by_site_goes_by(any_size: FittedCascade) -> None:
+    sampler = any_size.sampler
     small, large = (sampler.sample("tripod", size, "x", n=3) for size in ("box:20x20x20mm", "box:20x60x60mm"))
     assert not np.array_equal(small.posture, large.posture)
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
+def test_a_box_is_held_alike_whatever_its_axes_are_called(any_size: FittedCascade, order: tuple[int, ...]) -> None:
+    sizes, corners = np.array([0.020, 0.030, 0.050]), np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+    named = Box(*sizes[list(order)].tolist())
+    plain, turned = (
+        any_size.sampler.sample("tripod", GraspObject("own", shape), axis, n=4, seed=3)
+        for shape, axis in ((Box(*sizes.tolist()), "y"), (named, "xyz"[order.index(1)]))
+    )
+    np.testing.assert_allclose(turned.posture, plain.posture, atol=1e-12)
+    for one, other in zip(plain, turned, strict=True):
+        mine, theirs = (
+            batch.X_hand_object.position_m + rotate(batch.X_hand_object.quat_wxyz, corners * extents)
+            for batch, extents in ((one, sizes), (other, np.array(named.extents_m)))
+        )
+        gaps = np.linalg.norm(mine[:, None] - theirs[None], axis=-1)
+        assert gaps.min(axis=1).max() < 1e-9, "every corner of one box is a corner of the other"
+
+
+@pytest.mark.parametrize(
+    ("obj", "axis", "expected"),
+    [
+        ("box:20x30x50mm", "x", "xyz"),
+        ("box:20x30x50mm", "z", "zxy"),
+        ("cylinder:40x20mm", "x", "xyz"),
+        ("cylinder:40x20mm", "z", "zxy"),
+    ],
+)
+def test_the_frame_of_a_site_lies_along_it_with_the_longer_side_last(obj: str, axis: str, expected: str) -> None:
+    tasks = Tasks.of([Task.of("tripod", obj, axis)])
+    assert site_axes(tasks.table[0]) == expected
+    frame = quat_to_matrix(site_frames(tasks)[0])
+    np.testing.assert_allclose(np.abs(frame), np.eye(3)[:, ["xyz".index(name) for name in expected]], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(frame), 1.0)

@@ -226,7 +226,7 @@ class Train:
     out: Path
     """Folder for the trained cascade and its training curves; new or empty."""
     factorization: str = "model3"
-    """Which stages: model1, model2, model3, plain_rotation or variant2 to variant7 of the paper, or model3_any_size."""
+    """Which stages: model1, model2, model3, plain_rotation or variant2 to variant7 of the paper, or any_size."""
     hand: HandName = "shadow"
     training: Annotated[CascadeTraining, arg(name="")] = field(default_factory=CascadeTraining)
     """What to learn from and how long."""

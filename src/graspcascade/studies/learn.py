@@ -18,6 +18,8 @@ from ..core.files import write_json
 from ..core.grasps import Grasps
 from ..core.machine import versions
 from ..core.outcomes import Outcomes
+from ..core.poses import canonical_quat, quat_multiply
+from ..core.tasks import Task
 from ..core.taxonomy import GRASP_TYPES, TAXONOMIES, GraspType, as_type
 from ..hands import Hand
 from ..nets import EpochRecord, HeadSpec, NumpyDecoder, TrainingSpec, VaeSpec
@@ -30,11 +32,12 @@ from ..proposals.cascade.encoding import (
     encode_request,
     fold_rotations,
     learning_frame,
+    site_frames,
     vae_spec,
 )
 from ..proposals.cascade.sampler import GraspSampler
 from ..proposals.cascade.sizes import SizeRule
-from ..proposals.cascade.stages import Factorization, Stage, Target
+from ..proposals.cascade.stages import Factorization, ObjectCode, Stage, Target
 from ..proposals.heuristic import opposition_points
 from ..proposals.prior import PosturePrior, type_codes
 from .dataset import Dataset, shards_digest
@@ -204,9 +207,11 @@ def prepare(hand: Hand, dataset: Dataset, factorization: Factorization, config: 
     rows = dataset.outcomes.faithful(dataset.grasps) if config.learn_from == "faithful" else held
     if rows.sum() < 100:
         raise InputError(f"only {int(rows.sum())} {config.learn_from} grasps to learn from; at least 100 are needed")
-    vocabulary = Vocabulary.of(dataset.grasps.tasks[rows])
-    sizes = SizeRule.measure(_request(dataset.grasps, dataset.outcomes, vocabulary), rows, held)
-    places = repeat_rare(dataset.grasps, np.flatnonzero(rows), config.most_repeats, config.training.seed)
+    code, sizes = factorization.object_code, SizeRule({}, {}, {})
+    vocabulary = Vocabulary.of(dataset.grasps.tasks[rows], code)
+    if factorization.asks_sizes:
+        sizes = SizeRule.measure(_request(dataset.grasps, dataset.outcomes, vocabulary), rows, held)
+    places = repeat_rare(dataset.grasps, np.flatnonzero(rows), config.most_repeats, config.training.seed, code)
     grasps, outcomes = dataset.grasps[places], dataset.outcomes[places]
     request = _request(grasps, outcomes, vocabulary)
     pose = grasps.X_hand_object if config.object_pose == "placed" else outcomes.X_hand_object_settled
@@ -215,16 +220,22 @@ def prepare(hand: Hand, dataset: Dataset, factorization: Factorization, config: 
     rotation = in_frame.quat_wxyz
     if config.fold_rotations:
         rotation = fold_rotations(rotation, grasps.tasks, factorization.frame)
-    # The object size that will be asked for is the cell's median, so training sees that and not each grasp's own.
-    _, aimed = sizes.apply(request, "median", np.random.default_rng(0))
-    asked = encode_request(replace(request, object_size_m=aimed), vocabulary, factorization.object_code)
+    if code == "site":
+        rotation = canonical_quat(quat_multiply(rotation, site_frames(grasps.tasks)))
+    if factorization.asks_sizes:
+        # The object size that will be asked for is the cell's median, so training sees that and not each grasp's own.
+        _, aimed = sizes.apply(request, "median", np.random.default_rng(0))
+        request = replace(request, object_size_m=aimed)
+    asked = encode_request(request, vocabulary, code)
     generated = {"posture": encode_posture(grasps.posture, thumb, other), "position": in_frame.position_m}
     targets: dict[Target, Array] = {"posture": grasps.posture, "position": in_frame.position_m, "rotation": rotation}
     metric = partial(contact_metric, hand, grasps.posture, grasps.grasp_type)
     return TrainingData(int(rows.sum()), request, targets, {**asked, **generated}, metric, sizes, vocabulary)
 
 
-def repeat_rare(grasps: Grasps, places: NDArray[np.intp], most: int, seed: int) -> NDArray[np.intp]:
+def repeat_rare(
+    grasps: Grasps, places: NDArray[np.intp], most: int, seed: int, code: ObjectCode = "label"
+) -> NDArray[np.intp]:
     """Repeat grasps of rare objects and types until these have as many as the median one.
 
     Args:
@@ -232,17 +243,23 @@ def repeat_rare(grasps: Grasps, places: NDArray[np.intp], most: int, seed: int) 
         places: ``(n,)`` the chosen ones.
         most: most copies of one grasp.
         seed: picks which grasps get the one extra copy.
+        code: what makes an object another: its name, or its kind and the axis it is held along.
 
     Returns:
         The places, each at least once, in order.
     """
-    names = grasps.tasks[places].column(lambda task: "/".join((task.grasp_type.name, task.object.name)), str)
-    cells = np.unique(names, return_inverse=True)[1]
+
+    def cell(task: Task) -> str:
+        kind = task.object.shape.kind
+        name = task.object.name if code == "label" else kind + (task.site.name if kind == "cylinder" else "")
+        return f"{task.grasp_type.name}/{name}"
+
+    cells = np.unique(grasps.tasks[places].column(cell, str), return_inverse=True)[1]
     counts = np.bincount(cells)
     enough, rng = int(np.median(counts)), np.random.default_rng(seed)
     chosen = [places]
-    for cell in np.flatnonzero(counts < enough):
-        some = places[cells == cell]
+    for rare in np.flatnonzero(counts < enough):
+        some = places[cells == rare]
         repeats, rest = divmod(min(enough, most * len(some)) - len(some), len(some))
         chosen += [np.repeat(some, repeats), rng.permutation(some)[:rest]]
     return np.sort(np.concatenate(chosen))

@@ -232,7 +232,7 @@ def nearest_human_type(postures: Array, joint_names: Sequence[str]) -> NDArray[n
         sd = np.maximum(human.sd, _LEAST_SD_RAD)
         each = -0.5 * ((postures - human.mean) / sd) ** 2 - np.log(sd)
         likelihood.append(each[:, human.recorded].sum(axis=1))
-    return np.array(list(GRASP_TYPES))[np.argmax(likelihood, axis=0)]
+    return np.asarray(np.array(list(GRASP_TYPES))[np.argmax(likelihood, axis=0)])
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 from typing import Any, get_args
 
 import numpy as np
@@ -37,7 +38,7 @@ class Vocabulary:
 
     Attributes:
         grasp_types: names of the types.
-        objects: the objects that it knows by name, each of another shape.
+        objects: the objects that it knows by name, each of another shape; none where it tells them otherwise.
         shapes: kinds of shapes.
 
     Raises:
@@ -50,8 +51,10 @@ class Vocabulary:
 
     def __post_init__(self) -> None:
         for names in (self.grasp_types, tuple(obj.name for obj in self.objects), self.shapes):
-            if len(set(names)) < len(names) or not names:
-                raise InputError(f"a vocabulary needs names, each of them once, got {', '.join(names) or 'none'}")
+            if len(set(names)) < len(names):
+                raise InputError(f"a vocabulary needs names, each of them once, got {', '.join(names)}")
+        if not self.grasp_types or not self.shapes:
+            raise InputError("a vocabulary needs grasp types and shapes")
         for name in self.grasp_types:
             as_type(name)
         for name in self.shapes:
@@ -60,11 +63,11 @@ class Vocabulary:
             raise InputError("a vocabulary needs objects of different shapes or sizes")
 
     @classmethod
-    def of(cls, tasks: Tasks) -> Vocabulary:
-        """Collect what tasks ask for; of objects of the same shape the first lends its name."""
+    def of(cls, tasks: Tasks, code: ObjectCode = "label") -> Vocabulary:
+        """Collect what tasks ask for; of objects told by label, the first of a shape lends its name."""
         asked = {task.grasp_type.name for task in tasks.distinct}
         objects: dict[Shape, GraspObject] = {}
-        for task in tasks.distinct:
+        for task in tasks.distinct if code == "label" else ():
             objects.setdefault(task.object.shape, task.object)
         return cls(tuple(name for name in GRASP_TYPES if name in asked), tuple(objects.values()))
 
@@ -96,7 +99,7 @@ class Vocabulary:
             raise InputError(
                 f"this model knows {len(self.objects)} objects by name and not {obj.name}; the nearest of these is "
                 f"{nearest.name}. The heuristic takes any size (--model heuristic, or screened), and so does "
-                "a model3_any_size once trained."
+                "a cascade trained as any_size."
             )
 
     def to_json(self) -> dict[str, Any]:
@@ -130,17 +133,18 @@ def check_side(task: Task) -> None:
         )
 
 
-def shared_quantities(request: Request) -> set[Quantity]:
+def shared_quantities(request: Request, code: ObjectCode) -> set[Quantity]:
     """Find the quantities of `encode_request` whose columns are the same in all rows."""
     distinct = request.tasks.distinct
     types = len({task.grasp_type for task in distinct}) == 1
     objects = len({task.object for task in distinct}) == 1
+    sites = len({task.site for task in distinct}) == 1
     same = {
         "grasp_type": types,
-        "object_type": objects,
+        "object_type": objects and (sites or code == "label"),
         "grasp_size": bool(len(request.grasp_size_m)) and (request.grasp_size_m == request.grasp_size_m[:1]).all(),
         "object_size": objects
-        and len({task.site for task in distinct}) == 1
+        and sites
         and (request.object_size_m == request.object_size_m[:1]).all(),
     }
     return {name for name in get_args(Quantity) if same.get(name, False)}
@@ -154,17 +158,21 @@ def encode_request(request: Request, vocabulary: Vocabulary, code: ObjectCode) -
     Args:
         request: what is asked for, all of it known (see `Vocabulary.check`).
         vocabulary: the names that the model knows.
-        code: how objects are told apart: by "label", one of the known objects, or by "shape", kind and extents.
+        code: how objects are told apart: by "label", one of the known objects, or by "site": kind, whether the site
+            lies along a cylinder, and extents along the axes of the site's frame.
     """
     tasks, n = request.tasks, len(request.tasks)
     known, shapes = [obj.shape for obj in vocabulary.objects], vocabulary.shapes
-    width = len(known) if code == "label" else len(shapes) + 3
+    width = len(known) if code == "label" else len(shapes) + 4
 
     def object_code(task: Task) -> Array:
         shape = task.object.shape
         if code == "label":
             return _one_hot(shape, known)
-        return np.concatenate([_one_hot(shape.kind, shapes), shape.extents_m])
+        extents = [shape.extents_m[AXES.index(axis)] for axis in site_axes(task)]
+        return np.concatenate(
+            [_one_hot(shape.kind, shapes), [shape.kind == "cylinder" and task.site.name == "z"], extents]
+        )
 
     # Reshaping gives no tasks at all the right number of columns too.
     types = tasks.column(lambda task: _one_hot(task.grasp_type.name, vocabulary.grasp_types))
@@ -175,6 +183,13 @@ def encode_request(request: Request, vocabulary: Vocabulary, code: ObjectCode) -
         "grasp_size": request.grasp_size_m[:, None],
         "object_size": np.concatenate([request.object_size_m[:, None], tasks.side_m[:, None], axes], axis=1),
     }
+
+
+def _right_handed(order: Sequence[int]) -> Array:
+    """Make a rotation ``(3, 3)`` whose columns are the axes of an order, the middle one turned round where need be."""
+    columns = np.eye(3)[:, list(order)]
+    columns[:, 1] *= np.linalg.det(columns)
+    return columns
 
 
 def _one_hot(value: object, known: Sequence[object]) -> Array:
@@ -276,6 +291,27 @@ _SIDE_TO_X = {"x": np.array([1.0, 0.0, 0.0, 0.0]), "y": _CYCLE * [1, -1, -1, -1]
 """For each side axis a rotation that lays it along the frame's x axis."""
 
 
+def site_axes(task: Task) -> str:
+    """Order the object's body axes as those of the site's frame: along the site, then the shorter of the others.
+
+    The last is a cylinder's own axis where that is across the site.
+    """
+    x = AXES.index(task.site.name)
+    others = [(x + 1) % 3, (x + 2) % 3]
+    others.sort(key=lambda axis: (task.object.shape.kind == "cylinder" and axis == 2, task.object.extents_m[axis]))
+    return "".join(AXES[axis] for axis in (x, *others))
+
+
+_SITE_FRAMES = {
+    "".join(AXES[axis] for axis in order): matrix_to_quat(_right_handed(order)) for order in permutations(range(3))
+}
+
+
+def site_frames(tasks: Tasks) -> Array:
+    """Compute the rotations ``(n, 4)``, wxyz, of the sites' frames in their objects' frames (see `site_axes`)."""
+    return tasks.column(lambda task: _SITE_FRAMES[site_axes(task)]).reshape(len(tasks), 4)
+
+
 def fold_rotations(quat_wxyz: Array, tasks: Tasks, frame: Frame) -> Array:
     """Replace rotations by the symmetric images nearest to a fixed reference, so that equal grasps look equal.
 
@@ -285,9 +321,11 @@ def fold_rotations(quat_wxyz: Array, tasks: Tasks, frame: Frame) -> Array:
         frame: the learning frame; in the hand frame the opposition axis is taken to lie along its z.
     """
     folded = np.empty_like(quat_wxyz)
-    for (shape, axis), rows in tasks.groups(lambda task: (task.object.shape, task.site.name)):
+    # The symmetry is that of the kind of shape, whatever its size.
+    of_kind = {task.object.shape.kind: task.object.shape for task in tasks.distinct}
+    for (kind, axis), rows in tasks.groups(lambda task: (task.object.shape.kind, task.site.name)):
         to_x = _SIDE_TO_X[axis]
         # The opposing places of a Shadow Hand are roughly above one another along the fingers (hand z).
         reference = to_x if frame == "opposition" else quat_multiply(_SIDE_TO_X["y"], to_x)
-        folded[rows] = shape.fold(quat_wxyz[rows], reference)
+        folded[rows] = of_kind[kind].fold(quat_wxyz[rows], reference)
     return folded

@@ -17,7 +17,7 @@ from ...core.errors import FileFormatError, InputError, check_name, unknown
 from ...core.files import read_json
 from ...core.grasps import Grasps
 from ...core.objects import GraspObject
-from ...core.poses import Pose, canonical_quat
+from ...core.poses import Pose, canonical_quat, quat_conjugate, quat_multiply
 from ...core.tasks import Task, Tasks
 from ...core.taxonomy import GraspType
 from ...hands.hand import Hand
@@ -31,6 +31,7 @@ from .encoding import (
     encode_request,
     in_hand,
     shared_quantities,
+    site_frames,
     split_targets,
 )
 from .sizes import SizeMode, SizeRule
@@ -133,7 +134,7 @@ class GraspSampler(Proposal):
         hand = self.hand
         anything = replace(self, hand=replace(hand, reach_m=np.inf), size_mode="paper")
         try:
-            obj = self.vocabulary.objects[0]
+            obj = self.objects[0]
             tasks = Tasks.of(Task.of(kind, obj, next(iter(obj.sides_m))) for kind in self.grasp_types)
             # Limits that are no numbers compare as false.
             if len(set(hand.joint_names)) < len(hand.joint_names) or not np.all(hand.lower_rad <= hand.upper_rad):
@@ -201,9 +202,11 @@ class GraspSampler(Proposal):
         for task in tasks.distinct:
             self.vocabulary.check(task, self.factorization.object_code)
         blank, known = np.full(len(tasks), np.nan), self.vocabulary.renamed(tasks)
-        request = Request(known, *self.sizes.apply(Request(known, blank, blank), self.size_mode, rng))
+        request = Request(known, blank, blank)
+        if self.factorization.asks_sizes:
+            request = Request(known, *self.sizes.apply(request, self.size_mode, rng))
         quantities = encode_request(request, self.vocabulary, self.factorization.object_code)
-        shared = shared_quantities(request)
+        shared = shared_quantities(request, self.factorization.object_code)
         values: dict[Target, Array] = {}
         kinds = list(dict.fromkeys(task.grasp_type for task in tasks.table))
         of_task = np.array([kinds.index(task.grasp_type) for task in tasks.table], dtype=np.intp)
@@ -218,6 +221,9 @@ class GraspSampler(Proposal):
             if "position" in stage.targets:
                 quantities["position"] = values["position"]
         pose = Pose(values["position"], canonical_quat(values["rotation"]))
+        if self.factorization.object_code == "site":
+            turned = quat_multiply(pose.quat_wxyz, quat_conjugate(site_frames(tasks)))
+            pose = Pose(pose.position_m, canonical_quat(turned))
         X_hand_object = in_hand(pose, closure.thumb_m, closure.other_m, self.factorization.frame)
         return as_proposed(self.hand, tasks, posture, X_hand_object, closure.grasp_size_m, request.object_size_m)
 

@@ -7,7 +7,7 @@ nothing else in the package tells them apart.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from ...core.errors import check_name
@@ -15,7 +15,7 @@ from ...core.errors import check_name
 Target = Literal["posture", "position", "rotation"]
 Quantity = Literal["posture", "position", "grasp_type", "grasp_size", "object_type", "object_size"]
 Frame = Literal["opposition", "hand"]
-ObjectCode = Literal["label", "shape"]
+ObjectCode = Literal["label", "site"]
 RotationHead = Literal["vmf", "vmf_mixture", "unit"]
 
 
@@ -69,14 +69,15 @@ class Factorization:
         frame: poses are learned in the "hand" frame, or relative to the "opposition" frame, which forward kinematics
             gives for every posture.
         source: the table row of the paper it reproduces.
-        object_code: how objects are told apart: by "label", one of the catalogue's nine as in the paper, or by "shape",
-            kind and extents, which any primitive has.
+        object_code: how objects are told apart: by "label", one of the catalogue's nine as in the paper, or by "site",
+            what any primitive is where it is held: kind, width, and extents across. Rotations are then those of the
+            site (see `encoding.site_frame`).
 
     Raises:
         InputError: an unknown frame or object code.
 
     Examples:
-        >>> [stage.name for stage in FACTORIZATIONS["model3_any_size"].stages]
+        >>> [stage.name for stage in FACTORIZATIONS["any_size"].stages]
         ['posture', 'position', 'rotation']
     """
 
@@ -89,6 +90,11 @@ class Factorization:
     def __post_init__(self) -> None:
         check_name("frame", self.frame, get_args(Frame))
         check_name("object code", self.object_code, get_args(ObjectCode))
+
+    @property
+    def asks_sizes(self) -> bool:
+        """Whether a grasp size or object size must be chosen for every request."""
+        return any(name in ("grasp_size", "object_size") for stage in self.stages for name in stage.given)
 
 
 _ALL: tuple[Quantity, ...] = ("grasp_type", "grasp_size", "object_type", "object_size")
@@ -106,9 +112,10 @@ def _three_stages(
     head: RotationHead = "vmf",
     frame: Frame = "hand",
     code: ObjectCode = "label",
+    posture: Stage = _POSTURE,
 ) -> Factorization:
     stages = (
-        _POSTURE,
+        posture,
         Stage("position", ("position",), ("posture", *position), hidden=(128, 128)),
         Stage("rotation", ("rotation",), ("position", "posture", *rotation), rotation_head=head),
     )
@@ -118,7 +125,8 @@ def _three_stages(
 _ONE = Stage("grasp", ("posture", "position", "rotation"), _ALL, latent_dim=14)
 _POSE = Stage("pose", ("position", "rotation"), ("posture", *_ALL), latent_dim=6)
 _IN_OPPOSITION_FRAME = "model3 with poses learned in the opposition frame"
-_BY_SHAPE = "model3 with objects told apart by shape and size"
+_BY_SITE = "model3 with objects told apart by what they are where they are held"
+_POSTURE_BY_SITE = replace(_POSTURE, given=_TYPE_AND_OBJECT)
 _ALL_BUT_TYPE: tuple[Quantity, ...] = ("grasp_size", "object_type", "object_size")
 _ALL_BUT_OBJECT: tuple[Quantity, ...] = ("grasp_type", "grasp_size", "object_size")
 _VALUES = (
@@ -126,7 +134,15 @@ _VALUES = (
     Factorization("model2", (_POSTURE, _POSE), source="Table I"),
     _three_stages("model3", _ALL, _ALL, "Tables I and II, Table III variant 1"),
     _three_stages("model3_opposition_frame", _ALL, _ALL, _IN_OPPOSITION_FRAME, frame="opposition"),
-    _three_stages("model3_any_size", _ALL, _ALL, _BY_SHAPE, code="shape"),
+    _three_stages(
+        "any_size",
+        _TYPE_AND_OBJECT,
+        _TYPE_AND_OBJECT,
+        _BY_SITE,
+        frame="opposition",
+        code="site",
+        posture=_POSTURE_BY_SITE,
+    ),
     _three_stages("plain_rotation", _ALL, _ALL, "Table II", head="unit"),
     _three_stages("variant2", _ALL, _ALL_BUT_GRASP_SIZE, "Table III"),
     _three_stages("variant3", ("grasp_type", "grasp_size", "object_type"), _ALL_BUT_GRASP_SIZE, "Table III"),
