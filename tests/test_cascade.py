@@ -444,7 +444,9 @@ def test_quantities_are_shared_when_their_columns_are() -> None:
         tasks = Tasks.of(map(Task.of, *names, rng.choice(list(axes), n)))
         request = Request(tasks, tasks.side_m - 0.005, tasks.side_m + 0.01)
         columns = encode_request(request, EVERYTHING, code)
-        assert shared_quantities(request, code) == {name for name, value in columns.items() if (value == value[0]).all()}
+        assert shared_quantities(request, code) == {
+            name for name, value in columns.items() if (value == value[0]).all()
+        }
         stage = FACTORIZATIONS["model3"].stages[0]
         given_here = condition(stage, columns, shared_quantities(request, code))
         whole = condition_matrix(stage, columns)

@@ -143,9 +143,7 @@ def shared_quantities(request: Request, code: ObjectCode) -> set[Quantity]:
         "grasp_type": types,
         "object_type": objects and (sites or code == "label"),
         "grasp_size": bool(len(request.grasp_size_m)) and (request.grasp_size_m == request.grasp_size_m[:1]).all(),
-        "object_size": objects
-        and sites
-        and (request.object_size_m == request.object_size_m[:1]).all(),
+        "object_size": objects and sites and (request.object_size_m == request.object_size_m[:1]).all(),
     }
     return {name for name in get_args(Quantity) if same.get(name, False)}
 
