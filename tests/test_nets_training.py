@@ -282,3 +282,34 @@ def test_specs_out_of_range_are_refused() -> None:
         TrainingSpec(seed=10**22)
     with pytest.raises(InputError, match="seed must not be negative"):
         TrainingSpec(seed=-1)
+
+
+# Chances
+
+
+def test_a_chance_head_learns_the_rate_at_which_things_happen() -> None:
+    rng = np.random.default_rng(4)
+    n, spec = 20_000, VaeSpec(2, (HeadSpec("chance", 2),), 0, (32, 32))
+    c = rng.uniform(-1.0, 1.0, (n, 2))
+    rates = np.column_stack([1 / (1 + np.exp(-3 * c[:, 0])), np.full(n, 0.2)])
+    decoder = NumpyDecoder.from_fitted(fit(spec, QUICK, (rng.uniform(size=(n, 2)) < rates).astype(float), c))
+    asked = np.column_stack([np.linspace(-0.9, 0.9, 7), np.zeros(7)])
+    said = decoder.sample(asked, np.random.default_rng(0))
+    np.testing.assert_allclose(said[:, 0], 1 / (1 + np.exp(-3 * asked[:, 0])), atol=0.06)
+    np.testing.assert_allclose(said[:, 1], 0.2, atol=0.05)
+    np.testing.assert_array_equal(said, decoder.sample(asked, np.random.default_rng(1)))
+
+
+def test_the_loss_of_a_chance_is_its_log_likelihood() -> None:
+    model = ConditionalVae(VaeSpec(3, (HeadSpec("chance", 1, weight=2.0),), 0, (8,)))
+    c, happened = torch.randn(16, 3), torch.randint(0, 2, (16, 1)).float()
+    rate = torch.sigmoid(model.decode(torch.empty(16, 0), c))
+    expected = -(happened * rate.log() + (1 - happened) * (1 - rate).log()).mean()
+    losses = model.loss(happened, c)
+    torch.testing.assert_close(losses.total, 2.0 * expected)
+    assert float(losses.kl) == 0.0
+
+
+def test_what_neither_happened_nor_did_not_is_refused() -> None:
+    with pytest.raises(InputError, match="columns 0 to 0 of x must be 0 or 1"):
+        fit(VaeSpec(1, (HeadSpec("chance", 1),), 0, (8,)), QUICK, np.full((50, 1), 0.5), np.zeros((50, 1)))

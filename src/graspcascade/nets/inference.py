@@ -187,6 +187,8 @@ def _read(head: HeadSpec, raw: Array32, rng: np.random.Generator, mode: Mode) ->
     """Turn one head's raw outputs ``(n, outputs)`` into its block of the target ``(n, dim)``."""
     if head.kind == "gaussian":
         return raw
+    if head.kind == "chance":
+        return np.exp(-np.logaddexp(0.0, -raw))
     if head.kind == "vmf_mixture":
         raw = _chosen_component(raw, rng, mode)
     direction = normalised(raw[:, :4])

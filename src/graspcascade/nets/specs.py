@@ -17,7 +17,7 @@ from ..core.errors import InputError, check_name, check_whole
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
-HeadKind = Literal["gaussian", "vmf", "vmf_mixture", "unit"]
+HeadKind = Literal["gaussian", "vmf", "vmf_mixture", "unit", "chance"]
 MIXTURE_COMPONENTS = 4
 """Components of a vmf_mixture head."""
 
@@ -39,9 +39,9 @@ class HeadSpec:
 
     kind: HeadKind
     """gaussian: mean of standardised columns; vmf: von Mises-Fisher rotation; vmf_mixture: a mixture of these; unit:
-    plain unit vector."""
+    plain unit vector; chance: probabilities of events that happened (1) or not (0)."""
     dim: int
-    """Columns of the target: any for gaussian, 4 (a wxyz quaternion) for rotations."""
+    """Columns of the target: any for gaussian and chance, 4 (a wxyz quaternion) for rotations."""
     weight: float = 1.0
     """Factor on this block's loss."""
 
@@ -54,8 +54,8 @@ class HeadSpec:
 
     @property
     def is_rotation(self) -> bool:
-        """Tell whether the block is a quaternion, which is never standardised."""
-        return self.kind != "gaussian"
+        """Tell whether the block is a quaternion."""
+        return self.kind not in ("gaussian", "chance")
 
     @property
     def outputs(self) -> int:
@@ -135,7 +135,7 @@ class VaeSpec:
     heads: tuple[HeadSpec, ...]
     """Blocks of the target x, in order."""
     latent_dim: int = 8
-    """Length of the latent vector z."""
+    """Length of the latent vector z; with 0 the target is a function of the condition, as chances are."""
     hidden: tuple[int, ...] = (256, 256)
     """Widths of the hidden layers of the encoder and of the decoder."""
     kl_weight: float = 0.05
@@ -144,9 +144,9 @@ class VaeSpec:
     def __post_init__(self) -> None:
         if not self.heads:
             raise InputError("a model needs at least one head")
-        if self.condition_dim < 0 or self.latent_dim < 1 or any(width < 1 for width in self.hidden):
+        if self.condition_dim < 0 or self.latent_dim < 0 or any(width < 1 for width in self.hidden):
             raise InputError(
-                f"a model needs condition_dim >= 0, latent_dim >= 1 and positive hidden widths, "
+                f"a model needs condition_dim >= 0, latent_dim >= 0 and positive hidden widths, "
                 f"got {self.condition_dim}, {self.latent_dim}, {self.hidden}"
             )
         if not 0.0 <= self.kl_weight < float("inf"):
@@ -248,7 +248,7 @@ class Standardisation:
     """Map targets x and conditions c between natural units and zero mean, unit deviation per column.
 
     Attributes:
-        x_mean, x_std: ``(target_dim,)``; 0 and 1 in rotation blocks, which stay quaternions.
+        x_mean, x_std: ``(target_dim,)``; 0 and 1 outside gaussian blocks: quaternions and chances stay what they are.
         c_mean, c_std: ``(condition_dim,)``.
     """
 
@@ -263,7 +263,7 @@ class Standardisation:
         x, c = np.asarray(x), np.asarray(c)
         x_mean, x_std = x.mean(axis=0, dtype=np.float64), x.std(axis=0, dtype=np.float64)
         for block in layout(spec.heads):
-            if block.head.is_rotation:
+            if block.head.kind != "gaussian":
                 x_mean[block.target], x_std[block.target] = 0.0, 1.0
         c_mean, c_std = c.mean(axis=0, dtype=np.float64), c.std(axis=0, dtype=np.float64)
         # A constant condition says nothing: unit scale keeps a new value of it from swamping the others.

@@ -199,7 +199,7 @@ def standardised_rows(
     targets, conditions = _checked("x", x, spec.target_dim), _checked("c", c, spec.condition_dim)
     if len(targets) != len(conditions):
         raise InputError(f"x and c must have as many rows, got {len(targets)} and {len(conditions)}")
-    _check_rotations(spec, targets)
+    _check_blocks(spec, targets)
     standardisation = Standardisation.of(spec, targets, conditions)
     rows = Rows(
         torch.from_numpy(standardisation.standardise_x(targets)),
@@ -220,12 +220,14 @@ def _checked(name: str, values: ArrayLike, columns: int) -> Array32:
     return array
 
 
-def _check_rotations(spec: VaeSpec, targets: Array32) -> None:
+def _check_blocks(spec: VaeSpec, targets: Array32) -> None:
     for block in spec.blocks:
         norms = np.linalg.norm(targets[:, block.target], axis=1)
+        first, last = block.target.start, block.target.stop - 1
         if block.head.is_rotation and np.abs(norms - 1.0).max() > 1e-3:
-            first, last = block.target.start, block.target.stop - 1
             raise InputError(f"columns {first} to {last} of x must be unit quaternions")
+        if block.head.kind == "chance" and not np.isin(targets[:, block.target], (0.0, 1.0)).all():
+            raise InputError(f"columns {first} to {last} of x must be 0 or 1")
 
 
 def _checked_metric(spec: VaeSpec, metric: ArrayLike, rows: int) -> Array32:

@@ -65,6 +65,9 @@ def head_loss(block: Block, output: Tensor, x: Tensor) -> Tensor:
     raw, target = output[:, block.output], x[:, block.target]
     if block.head.kind == "gaussian":
         return block.head.weight * (raw - target).square().sum(-1)
+    if block.head.kind == "chance":
+        each = functional.binary_cross_entropy_with_logits(raw, target, reduction="none")
+        return block.head.weight * each.sum(-1)
     if block.head.kind == "vmf_mixture":
         return -block.head.weight * vmf_mixture_log_prob(raw, target)
     direction = functional.normalize(raw[:, :4], dim=-1)
@@ -115,11 +118,14 @@ class ConditionalVae(nn.Module):
         super().__init__()
         self.spec = spec
         self.blocks = spec.blocks
-        self.encoder = _mlp(spec.encoder_widths)
+        if spec.latent_dim:
+            self.encoder = _mlp(spec.encoder_widths)
         self.decoder = _mlp(spec.decoder_widths)
 
     def encode(self, x: Tensor, c: Tensor) -> Latent:
         """Compute q(z|x,c) for targets ``(n, target_dim)`` and conditions ``(n, condition_dim)``."""
+        if not self.spec.latent_dim:
+            return Latent(x[:, :0], x[:, :0])
         mean, log_variance = self.encoder(torch.cat([x, c], dim=-1)).chunk(2, dim=-1)
         return Latent(mean, log_variance.clamp(-LOG_VARIANCE_BOUND, LOG_VARIANCE_BOUND))
 
