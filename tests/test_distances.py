@@ -21,6 +21,7 @@ ZERO = np.zeros(1, dtype=np.intp)
 @given(shapes, points)
 def test_a_step_against_the_gradient_ends_on_the_surface(shape: Shape, some: np.ndarray) -> None:
     measured = signed_distances([shape], ZERO, some[None])
+    assert measured.gradient is not None
     landed = some - measured.distance_m[0][:, None] * measured.gradient[0]
     again = signed_distances([shape], ZERO, landed[None]).distance_m[0]
     np.testing.assert_allclose(again, 0.0, atol=1e-9)
@@ -63,8 +64,13 @@ def test_rows_of_mixed_shapes_are_measured_each_against_its_own() -> None:
     kinds, row = [Box(0.02, 0.03, 0.04), Sphere(0.05), Cylinder(0.03, 0.06)], rng.integers(3, size=40)
     some = rng.uniform(-0.05, 0.05, (40, 7, 3)).astype(np.float32)
     together = signed_distances(kinds, row, some)
+    assert together.gradient is not None
     assert together.distance_m.dtype == together.gradient.dtype == np.float32
+    without = signed_distances(kinds, row, some, gradients=False)
+    assert without.gradient is None
+    np.testing.assert_array_equal(without.distance_m, together.distance_m)
     for place in range(40):
         alone = signed_distances([kinds[row[place]]], ZERO, some[place : place + 1])
         np.testing.assert_array_equal(together.distance_m[place], alone.distance_m[0])
+        assert alone.gradient is not None
         np.testing.assert_array_equal(together.gradient[place], alone.gradient[0])

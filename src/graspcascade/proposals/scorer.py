@@ -1,0 +1,176 @@
+"""How likely grasps are to hold, judged by what points of the hand see of the object while it closes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.distances import signed_distances
+from ..core.errors import FileFormatError, InputError
+from ..core.grasps import Grasps
+from ..core.objects import Shape
+from ..core.poses import Pose, quat_multiply, quat_to_matrix
+from ..core.protocols import HOLD, Conditions
+from ..hands.hand import Hand
+from ..nets import NumpyDecoder, load_decoders, save_decoders
+
+Array = NDArray[np.float64]
+
+SCORER_FILE = "scorer.safetensors"
+_KIND, _DECODER = "grasp scorer", "scorer"
+
+
+@dataclass(frozen=True)
+class View:
+    """Say what a scorer sees of a grasp.
+
+    Attributes:
+        grasp_types: names of the types, in the order of its inputs.
+        points: bodies of the hand, and points of their surfaces in the bodies' frames, metres.
+        closings: shares of the way from the open hand to the posture at which distances are measured.
+        gradients: whether at the first of these the distances' gradients, in the hand frame, are seen as well.
+    """
+
+    grasp_types: tuple[str, ...]
+    points: tuple[tuple[str, tuple[float, float, float]], ...]
+    closings: tuple[float, ...] = (1.0, 0.75, 0.5)
+    gradients: bool = True
+
+    @classmethod
+    def of(cls, hand: Hand, grasp_types: Sequence[str]) -> View:
+        """See with all contact places and surface points of a hand."""
+        places = [(place.body, place.point_m) for place in hand.places.values()]
+        return cls(tuple(grasp_types), (*places, *hand.surface_points.values()))
+
+    @property
+    def width(self) -> int:
+        """Count the columns that `encode` makes."""
+        return len(self.points) * (len(self.closings) + 3 * self.gradients) + len(self.grasp_types) + 4
+
+    def encode(self, hand: Hand, grasps: Grasps, conditions: Conditions, *, is_exact: bool) -> NDArray[np.float32]:
+        """Encode what is seen of grasps as columns ``(n, width)``.
+
+        Args:
+            hand: the hand that the grasps are of.
+            grasps: at most one grasp type that the view does not list is an InputError.
+            conditions: of each trial. Errors of pose and size are applied: what is seen is where the object is.
+            is_exact: whether that is known exactly; otherwise it is off by an unknown error as under `varied`.
+        """
+        tasks, n = grasps.tasks, len(grasps)
+        shapes: list[Shape] = [task.object.shape for task in tasks.table]
+        pose = grasps.X_hand_object
+        if conditions.rotation_error_rad.any():
+            pose = Pose(pose.position_m, quat_multiply(conditions.rotation_error_quat_wxyz, pose.quat_wxyz))
+        rotation = quat_to_matrix(pose.quat_wxyz).astype(np.float32)
+        origin = pose.position_m + conditions.position_error_m
+        open_hand, posture = grasps.pregrasp, hand.executed(grasps.posture)
+        parts: list[NDArray[Any]] = []
+        for closing in self.closings:
+            angles = posture if closing == 1.0 else open_hand + closing * (posture - open_hand)
+            points = hand.points(angles, self.points)
+            seen = np.matmul((points - origin[:, None]).astype(np.float32), rotation)
+            measured = signed_distances(shapes, tasks.row, seen, gradients=self.gradients and not parts)
+            parts.append(measured.distance_m - np.float32(0.5) * conditions.size_error_m[:, None].astype(np.float32))
+            if measured.gradient is not None:
+                parts.append(np.matmul(measured.gradient, rotation.transpose(0, 2, 1)).reshape(n, -1))
+        mass_kg = tasks.column(lambda task: task.object.mass_kg, np.float64) * conditions.density_factor
+        known = [self.grasp_types.index(task.grasp_type.name) for task in tasks.table]
+        types = np.eye(len(self.grasp_types), dtype=np.float32)[known][tasks.row]
+        numbers = (conditions.friction, np.log(mass_kg), np.log(conditions.gain_factor), np.full(n, float(is_exact)))
+        return np.concatenate([*parts, types, np.stack(numbers, axis=1)], axis=1, dtype=np.float32, casting="same_kind")
+
+
+@dataclass(frozen=True)
+class Chances:
+    """Hold chances ``(n,)`` that grasps hold, and that they hold and touch as their type asks."""
+
+    held: Array
+    faithful: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scorer:
+    """Estimate the chances of grasps with numpy alone.
+
+    Attributes:
+        hand: geometry of the hand whose trials it was trained on.
+        view: what it sees of a grasp.
+        decoder: the trained network, its outputs calibrated.
+        metadata: what it was trained on and how.
+    """
+
+    hand: Hand
+    view: View
+    decoder: NumpyDecoder
+    metadata: dict[str, Any]
+
+    def __repr__(self) -> str:
+        """Word the scorer in one line."""
+        return f"<Scorer of {len(self.view.grasp_types)} grasp types for {self.hand.name}>"
+
+    def chances(self, grasps: Grasps, conditions: Conditions | None = None, *, is_exact: bool = False) -> Chances:
+        """Estimate the chances of grasps under conditions, by default those of protocol `hold`.
+
+        Args:
+            grasps: of the hand, in its order of joints.
+            conditions: of each trial.
+            is_exact: whether the object is exactly where and as large as said, as in `hold`; otherwise it is off by
+                what protocol `varied` draws, as when a camera looked.
+
+        Raises:
+            InputError: other joints than the hand's, or a type that it was not trained on.
+        """
+        if grasps.joint_names != self.hand.joint_names:
+            raise InputError(f"the scorer is of the joints of {self.hand.name}, the grasps are of others")
+        if foreign := [n for n in dict.fromkeys(grasps.grasp_type.tolist()) if n not in self.view.grasp_types]:
+            known = ", ".join(self.view.grasp_types)
+            raise InputError(f"the scorer has seen no grasps of type {', '.join(foreign)}; it knows {known}")
+        about = Conditions.of(HOLD.physics, len(grasps)) if conditions is None else conditions
+        if not len(grasps):
+            return Chances(np.zeros(0), np.zeros(0))
+        seen = self.view.encode(self.hand, grasps, about, is_exact=is_exact)
+        said = self.decoder.sample(seen, np.random.default_rng(0))
+        return Chances(said[:, 0], said[:, 1])
+
+    def fingerprint(self) -> str:
+        """Compute a short digest of the weights."""
+        digest = hashlib.sha256()
+        self.decoder.digest_into(digest)
+        return digest.hexdigest()[:16]
+
+    def save(self, folder: Path) -> None:
+        """Write the scorer to one safetensors file in a folder, beside a cascade's weights."""
+        about = {"kind": _KIND, "view": msgspec.to_builtins(self.view), "hand": self.hand.to_json()}
+        save_decoders(folder / SCORER_FILE, {_DECODER: self.decoder}, about | {"training": self.metadata})
+
+    @classmethod
+    def load(cls, folder: Path | str) -> Scorer:
+        """Read a scorer from its folder or file.
+
+        Raises:
+            InputError: there is no such file.
+            FileFormatError: the file is truncated, foreign or not a scorer, or its parts do not fit together.
+        """
+        path = Path(folder)
+        path = path / SCORER_FILE if path.is_dir() else path
+        stored = load_decoders(path)
+        about: Mapping[str, Any] = stored.metadata
+        if about.get("kind") != _KIND or _DECODER not in stored.decoders:
+            raise FileFormatError(f"{path} holds no grasp scorer")
+        try:
+            view, hand = msgspec.convert(about["view"], View), Hand.from_json(about["hand"])
+            training = msgspec.convert(about["training"], dict[str, Any])
+            hand.points(hand.pregrasp[None], view.points)
+        except (KeyError, TypeError, InputError, msgspec.ValidationError) as error:
+            raise FileFormatError(f"{path} lacks or garbles {error}") from error
+        spec = stored.decoders[_DECODER].spec
+        if (spec.condition_dim, spec.target_dim, spec.latent_dim) != (view.width, 2, 0):
+            raise FileFormatError(f"{path}: its weights do not fit what it says to see")
+        return cls(hand, view, stored.decoders[_DECODER], training)
