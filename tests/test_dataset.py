@@ -22,7 +22,7 @@ from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import CATALOGUE, Box, GraspObject, as_object
 from graspcascade.core.outcomes import VERDICTS, Outcomes
 from graspcascade.core.protocols import VARIED, Protocol
-from graspcascade.core.taxonomy import GRASP_TYPES
+from graspcascade.core.taxonomy import DIGITS, GRASP_TYPES
 from graspcascade.engines import run_trials
 from graspcascade.engines.mujoco.creep import FAST_FORWARD
 from graspcascade.engines.mujoco.runner import MujocoEngine
@@ -111,6 +111,8 @@ def test_shards_are_plain_tables_with_joints_by_name(collection: Path, hand: Han
             assert {f"{prefix}_{joint}" for joint in hand.joint_names} <= set(table.column_names)
         for touch in (*hand.digits, "palm"):
             assert table.schema.field(f"touch_end_{touch}").type == pa.bool_()
+        for digit in hand.digits:
+            assert table.schema.field(f"areas_end_{digit}").type == pa.uint16()
         for field in table.schema:
             label = pa.types.is_dictionary(field.type) and field.type.value_type == pa.string()
             assert label or field.type in (pa.bool_(), pa.float32(), pa.uint16()), field
@@ -129,6 +131,8 @@ def test_a_shards_values_are_those_of_its_names(collection: Path) -> None:
         assert row["held"] == (row["verdict"] == "held")
         assert row["faithful"] == dataset.outcomes.faithful(dataset.grasps)[i]
         assert row["object_x_m"] == dataset.grasps.X_hand_object.position_m[i, 0]
+        for when, column in (("closed", dataset.outcomes.areas_closed), ("end", dataset.outcomes.areas_end)):
+            assert [row[f"areas_{when}_{digit}"] for digit in DIGITS] == column[i].tolist()
         assert row["side_m"] == pytest.approx(CATALOGUE[row["object_label"]].sides_m[row["side_axis"]])
 
 
@@ -622,6 +626,10 @@ def test_doctored_counts_of_a_collection_are_refused(
         ("object_y_m", 40.0),
         ("object_z_m", np.nan),
         ("object_qw", 2.0),
+        ("areas_end_thumb", 2**13),
+        ("areas_end_index", 0),
+        ("areas_closed_thumb", 0),
+        ("areas_closed_little", 1),
     ],
 )
 def test_values_that_no_trial_gives_are_refused_by_their_column(
@@ -683,11 +691,11 @@ def test_each_shard_is_read_once(copy: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert not any((copy / name).exists() for name in SHARDS)
 
 
-def drop_column(folder: Path, name: str) -> None:
+def drop_column(folder: Path, *names: str) -> None:
     metadata = metadata_of(folder)
     for shard in metadata["shards"]:
         path = folder / shard["file"]
-        pq.write_table(pq.read_table(path).drop_columns([name]), path)
+        pq.write_table(pq.read_table(path).drop_columns(list(names)), path)
         shard["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
     write_metadata(folder, metadata)
 
@@ -697,6 +705,21 @@ def test_turns_that_an_earlier_version_did_not_record_are_unknown(copy: Path) ->
     dataset = load_dataset(copy)
     assert np.isnan(dataset.outcomes.turn_rad).all()
     assert dataset.outcomes.held.any()
+
+
+def test_areas_that_an_earlier_version_did_not_record_are_none(copy: Path) -> None:
+    drop_column(copy, *(f"areas_{when}_{digit}" for when in ("closed", "end") for digit in DIGITS))
+    dataset = load_dataset(copy)
+    assert dataset.outcomes.areas_end.shape == (24, 5)
+    assert not dataset.outcomes.areas_closed.any()
+    assert not dataset.outcomes.areas_end.any()
+    assert dataset.outcomes.faithful(dataset.grasps).any(), "the paper's types do not ask for areas"
+
+
+def test_a_shard_without_the_areas_of_one_digit_is_refused(copy: Path) -> None:
+    drop_column(copy, "areas_end_middle")
+    with pytest.raises(FileFormatError, match="lacks column 'areas_end_middle'"):
+        load_dataset(copy)
 
 
 def test_a_shard_without_a_column_is_refused_by_the_columns_name(copy: Path) -> None:

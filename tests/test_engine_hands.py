@@ -31,7 +31,7 @@ from hand_files import (
     shadow_entries,
     write_hand,
 )
-from test_engine_trials import assert_same
+from test_engine_trials import assert_areas_fit_contacts, assert_same
 
 OBJECTS = [as_object(name) for name in ("box:24x33x52mm", "cylinder:27x80mm", "sphere_medium")]
 each_hand = pytest.mark.parametrize("n_digits", [2, 3, 4])
@@ -83,6 +83,7 @@ def test_contacts_are_those_of_the_digits_the_hand_has(
     assert outcomes.touching_end.shape == (len(outcomes), n_digits + 1)
     assert outcomes.touching_end[outcomes.held, 0].all()
     assert outcomes.faithful(proposed[n_digits]).any()
+    assert_areas_fit_contacts(outcomes)
     columns = to_columns(proposed[n_digits], outcomes)
     assert [name for name in columns if name.startswith("touch_end_")] == [
         f"touch_end_{name}" for name in outcomes.touch_columns

@@ -39,7 +39,15 @@ from graspcascade.studies.rounds import try_round
 from graspcascade.worlds.world import OBJECT, World, build_world, object_fields
 from hand_files import actuator_line, cut_grasps, edited, shadow_entries, write_hand
 from test_engine_hands import MODELS
-from test_engine_trials import assert_same, with_object_at
+from test_engine_trials import (
+    BALL,
+    SPOTS,
+    assert_areas_fit_contacts,
+    assert_same,
+    mask_of_spot,
+    spots_of_open_hand,
+    with_object_at,
+)
 from test_hands import MESH_HAND, with_mesh_hand
 
 try:
@@ -185,13 +193,27 @@ def test_meshes_and_round_shapes_of_a_hand_become_convex_hulls(tmp_path: Path) -
         still = which.pregrasp @ world_of(which).control_map
         for _ in range(100):
             scene.step(still, np.array([0.0, 9.81, 0.0]))  # towards the palm
-        assert scene.touching().tolist() == [False] * 5 + [True]
+        touching, areas = scene.touching()
+        assert touching.tolist() == [False] * 5 + [True]
+        assert not areas.any()
         rest[name] = scene.object_pose[1]
     # The ball rests on the surface at y = -0.012; 8 mm along the ellipsoid it lies lower.
     assert rest["box"] == pytest.approx(-0.027, abs=2e-4)
     assert rest["mesh"] == pytest.approx(rest["box"], abs=1e-5)
     assert rest["cylinder"] == pytest.approx(rest["box"], abs=2e-4)
     assert -0.027 < rest["ellipsoid"] < -0.026
+
+
+def test_a_ball_pressed_on_a_digit_touches_the_area_that_it_is_on(hand: Hand) -> None:
+    still = hand.pregrasp @ world_of(hand).control_map
+    for number, (point, normal) in enumerate(zip(*spots_of_open_hand(), strict=True)):
+        scene = scene_of(hand, obj=BALL.name)
+        scene.place(hand.pregrasp, point + 0.0025 * normal, [1.0, 0.0, 0.0, 0.0])
+        for _ in range(5):
+            scene.step(still, -9.81 * normal)
+        touching, areas = scene.touching()
+        assert areas.tolist() == mask_of_spot(number), SPOTS[number]
+        assert touching[:-1].tolist() == (areas != 0).tolist()
 
 
 def test_joints_listed_in_another_order_move_all_the_same(tmp_path: Path, hand: Hand) -> None:
@@ -251,6 +273,13 @@ def test_most_grasps_end_as_in_mujoco(mine: Outcomes, theirs: Outcomes) -> None:
     assert np.median(apart) < 0.03
     assert np.median(moved) < 0.002
     assert (mine.duration_s[mine.held] == theirs.duration_s[mine.held]).mean() > 0.8
+
+
+def test_contacts_are_recorded_by_area_as_in_mujoco(mine: Outcomes, theirs: Outcomes) -> None:
+    assert_areas_fit_contacts(mine)
+    both = (mine.touching_end & theirs.touching_end)[:, :-1]
+    assert both.sum() > 10
+    assert (mine.areas_end & theirs.areas_end != 0)[both].mean() > 0.8
 
 
 def test_a_far_object_is_missed_and_one_in_the_palm_in_overlap(some: Grasps) -> None:

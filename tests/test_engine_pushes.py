@@ -26,7 +26,7 @@ from graspcascade.engines import as_engine, run_trials
 from graspcascade.engines.mujoco.creep import FAST_FORWARD
 from graspcascade.hands import Hand
 from graspcascade.worlds.world import build_world
-from test_engine_trials import assert_same, with_object_at
+from test_engine_trials import assert_areas_fit_contacts, assert_same, with_object_at
 
 ROWS = [1, 3, 4, 9, 12, 16, 18, 35, 37, 46, 49, 52]
 """Grasps of every type, of which some hold, some miss and some fail by either limit."""
@@ -75,6 +75,12 @@ def test_some_hold_in_all_directions_and_the_others_say_which_limit_they_exceede
     assert pushed.touching_end[pushed.held].any(axis=1).all()
     assert not pushed.touching_end[~pushed.held].any()
     np.testing.assert_array_equal(pushed.steady, pushed.held)
+
+
+def test_each_digit_that_touches_has_an_area_and_no_other(pushed: Outcomes) -> None:
+    assert pushed.touching_closed.any()
+    assert pushed.touching_end.any()
+    assert_areas_fit_contacts(pushed)
 
 
 def test_a_looser_limit_lets_what_had_turned_go_on(some: Grasps, pushed: Outcomes) -> None:

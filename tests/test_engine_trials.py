@@ -10,17 +10,21 @@ import pytest
 
 from graspcascade.core.errors import InputError
 from graspcascade.core.grasps import Grasps
+from graspcascade.core.objects import as_object
 from graspcascade.core.outcomes import VERDICTS, Outcomes
 from graspcascade.core.poses import Pose, as_rotation
-from graspcascade.core.protocols import PAPER, Carry, Close, Protocol, Shake
+from graspcascade.core.protocols import PAPER, Carry, Close, Conditions, Protocol, Shake
+from graspcascade.core.tasks import Task, Tasks
+from graspcascade.core.taxonomy import AREAS, DIGITS
 from graspcascade.engines import run_trials
 from graspcascade.engines.mujoco import runner
 from graspcascade.engines.mujoco.creep import FAST_FORWARD, CreepProjection
 from graspcascade.engines.mujoco.idle import IdleFinder
 from graspcascade.engines.mujoco.runner import CHECK_STEPS
-from graspcascade.hands import Hand
+from graspcascade.hands import Hand, load_hand
 from graspcascade.worlds import world as world_module
 
+HAND = load_hand("shadow")
 CLOSING, STEP_S = 175, 0.004
 STILL = Protocol("still", (Close(), Carry(0.4)))
 
@@ -32,9 +36,69 @@ def assert_same(a: Outcomes, b: Outcomes) -> None:
         np.testing.assert_array_equal(column, theirs[name], err_msg=name)
 
 
+def assert_areas_fit_contacts(outcomes: Outcomes) -> None:
+    """Every digit that touches does so on some area, and no other digit has one."""
+    np.testing.assert_array_equal(outcomes.areas_closed != 0, outcomes.touching_closed[:, :-1])
+    np.testing.assert_array_equal(outcomes.areas_end != 0, outcomes.touching_end[:, :-1])
+
+
+SPOTS = [
+    ("thdistal", HAND.places["thumb_pad"].point_m, HAND.places["thumb_pad"].normal, "thumb", "distal_pad"),
+    ("thdistal", HAND.places["thumb_end"].point_m, HAND.places["thumb_end"].normal, "thumb", "distal_end"),
+    ("thproximal", (0.0, -0.0105, 0.02), (0.0, -1.0, 0.0), "thumb", "proximal_radial"),
+    ("ffdistal", HAND.places["index_end"].point_m, HAND.places["index_end"].normal, "index", "distal_end"),
+    ("ffmiddle", (0.009, 0.0, 0.0125), (1.0, 0.0, 0.0), "index", "middle_radial"),
+    ("mfdistal", HAND.places["middle_side"].point_m, HAND.places["middle_side"].normal, "middle", "distal_radial"),
+    ("rfproximal", (0.0, 0.009, 0.025), (0.0, 1.0, 0.0), "ring", "proximal_back"),
+    ("lfmiddle", (-0.009, 0.0, 0.0125), (-1.0, 0.0, 0.0), "little", "middle_ulnar"),
+]
+"""Points on the surface of bodies of the hand, outward normals there, and the digit and its area that they are on."""
+BALL = as_object("sphere:5mm")
+
+
+def spots_of_open_hand() -> tuple[np.ndarray, np.ndarray]:
+    """Locate `SPOTS`, points and normals ``(n, 3)``, in the hand frame."""
+    frames = {name: (turn[0], at[0]) for name, (turn, at) in HAND.frames(HAND.pregrasp[None]).items()}
+    points = [frames[body][1] + frames[body][0] @ point for body, point, *_ in SPOTS]
+    return np.array(points), np.array([frames[body][0] @ normal for body, _, normal, *_ in SPOTS])
+
+
+def mask_of_spot(number: int) -> list[int]:
+    """List the masks of areas of the five digits when one of `SPOTS` is touched."""
+    *_, touched, area = SPOTS[number]
+    return [1 << AREAS.index(area) if digit == touched else 0 for digit in DIGITS]
+
+
 def with_object_at(grasps: Grasps, position_m: Any) -> Grasps:
     position = np.broadcast_to(np.asarray(position_m, dtype=float), (len(grasps), 3)).copy()
     return replace(grasps, X_hand_object=Pose(position, grasps.X_hand_object.quat_wxyz))
+
+
+# Where digits touch
+
+
+@pytest.mark.parametrize("reduced", [True, False])
+def test_a_contact_is_recorded_by_the_area_of_the_digit_that_it_is_on(drawn: Grasps, reduced: bool) -> None:
+    points, normals = spots_of_open_hand()
+    some = drawn[: len(SPOTS)]
+    still = replace(some, tasks=Tasks.repeat(Task.of("tip_pinch", BALL, "x"), len(SPOTS)), posture=some.pregrasp)
+    pressed = with_object_at(still, points + 0.002 * normals)  # half a millimetre deep
+    outcomes = run_trials(pressed, Protocol("one step", (Close(STEP_S, 0.0), Carry(0.1))), reduced=reduced)
+    assert outcomes.areas_closed.tolist() == [mask_of_spot(number) for number in range(len(SPOTS))]
+
+
+def test_each_digit_that_touches_has_an_area_and_no_other(drawn: Grasps, outcomes: Outcomes, short: Protocol) -> None:
+    assert outcomes.touching_end.any(axis=0)[:3].all()
+    assert_areas_fit_contacts(outcomes)
+    assert_areas_fit_contacts(run_trials(drawn[::3], short, reduced=False))
+
+
+def test_areas_are_those_of_an_object_as_large_as_it_is_in_its_trial(drawn: Grasps, short: Protocol) -> None:
+    some = drawn[::3]
+    conditions = Conditions.of(short.physics, len(some), size_error_m=0.001)
+    outcomes = run_trials(some, short, conditions=conditions)
+    assert outcomes.held.any()
+    assert_areas_fit_contacts(outcomes)
 
 
 # Verdicts

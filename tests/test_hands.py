@@ -20,7 +20,7 @@ from graspcascade.core.errors import FileFormatError, InputError
 from graspcascade.core.objects import as_object
 from graspcascade.core.poses import canonical_quat, quat_conjugate, quat_multiply, quat_to_matrix, rotate
 from graspcascade.core.protocols import PAPER
-from graspcascade.core.taxonomy import DIGITS, GRASP_TYPES
+from graspcascade.core.taxonomy import AREAS, DIGITS, FEIX_TYPES, GRASP_TYPES
 from graspcascade.hands import Hand, Kinematics, load_hand, read_spec
 from graspcascade.hands.kinematics import Link
 from graspcascade.proposals.cascade.sampler import GraspSampler
@@ -271,10 +271,114 @@ def test_grasp_size_is_measured_between_points_inside_the_rounded_tips(model: An
 
 
 def test_every_contact_place_a_type_speaks_of_exists() -> None:
-    for kind in GRASP_TYPES.values():
+    for kind in (*GRASP_TYPES.values(), *FEIX_TYPES.values()):
         assert {*kind.opposition, *kind.support} <= set(HAND.places)
     assert tuple(HAND.digits) == DIGITS
     assert HAND.grasp_types == tuple(GRASP_TYPES.values())
+
+
+# Areas of digits
+
+
+def areas_of(hand: Hand, body: str, normal: Any) -> set[str]:
+    """Name the areas of a body's digit that one contact marks; other digits have none."""
+    normal = np.array(normal, dtype=float)
+    masks = hand.area_masks([body], [normal / np.linalg.norm(normal)])
+    (column,) = np.flatnonzero(masks)
+    root = list(hand.digits.values())[column].root
+    assert root in hand.kinematics.ancestry([body])
+    return {area for bit, area in enumerate(AREAS) if masks[column] >> bit & 1}
+
+
+# In these frames z is along the digit and -y palmar; the thumb's inner links are turned by 90 degrees, -x palmar.
+FACING = {"pad": [0, -1, 0], "radial": [1, 0, 0], "ulnar": [-1, 0, 0], "back": [0, 1, 0]}
+THUMB_FACING = {"pad": [-1, 0, 0], "radial": [0, -1, 0], "ulnar": [0, 1, 0], "back": [1, 0, 0]}
+
+
+@pytest.mark.parametrize("side", FACING)
+def test_a_contact_is_on_the_area_that_faces_as_its_normal(side: str) -> None:
+    for finger in ("ff", "mf", "rf", "lf"):
+        for link, part in {
+            "distal": "distal",
+            "middle": "middle",
+            "proximal": "proximal",
+            "knuckle": "proximal",
+        }.items():
+            assert areas_of(HAND, f"{finger}{link}", FACING[side]) == {f"{part}_{side}"}
+    assert areas_of(HAND, "thdistal", FACING[side]) == {f"distal_{side}"}
+    for link, part in {"middle": "middle", "hub": "proximal", "proximal": "proximal", "base": "proximal"}.items():
+        assert areas_of(HAND, f"th{link}", THUMB_FACING[side]) == {f"{part}_{side}"}
+
+
+@pytest.mark.parametrize(
+    ("normal", "area"),
+    [
+        ([0, -1, 0.15], "distal_pad"),
+        ([0, -0.87, 0.5], "distal_end"),
+        ([0, 0, 1], "distal_end"),
+        ([0.6, -1, 0], "distal_pad"),
+        ([1, -0.6, 0], "distal_radial"),
+        ([-1, -0.6, 0], "distal_ulnar"),
+        ([-1, 0.9, 0], "distal_ulnar"),
+        ([0.5, 1, -0.2], "distal_back"),
+    ],
+)
+def test_a_normal_between_two_areas_belongs_to_the_nearer(normal: list[float], area: str) -> None:
+    assert areas_of(HAND, "mfdistal", normal) == {area}
+
+
+def test_contacts_of_all_digits_are_collected_in_one_mask_a_digit(hand: Hand) -> None:
+    bodies = ["ffdistal", "thdistal", "ffmiddle", "ffdistal"]
+    masks = hand.area_masks(bodies, [[0, -1, 0], [1, 0, 0], [0, -1, 0], [0, -1, 0.1]])
+    named = [{area for bit, area in enumerate(AREAS) if mask >> bit & 1} for mask in masks]
+    assert named == [{"distal_radial"}, {"distal_pad", "middle_pad"}, set(), set(), set()]
+    assert hand.area_masks([], []).tolist() == [0] * 5
+
+
+@pytest.mark.parametrize("name", HAND.places)
+def test_every_contact_place_is_in_an_area_of_its_name(name: str) -> None:
+    place, (digit, _, spot) = HAND.places[name], name.partition("_")
+    area = {"phalanx": "middle_pad", "side": "distal_radial"}.get(spot, f"distal_{spot}")
+    assert areas_of(HAND, place.body, place.normal) == {area}
+    assert HAND.area_masks([place.body], [place.normal])[DIGITS.index(digit)]
+
+
+def test_the_side_of_the_middle_finger_is_on_its_surface_beside_the_pad(model: Any) -> None:
+    side, pad = HAND.places["middle_side"], HAND.places["middle_pad"]
+    assert abs(signed_distance(model, side.body, np.array(side.point_m))) < 0.0002
+    assert (side.body, side.point_m[2]) == (pad.body, pad.point_m[2])
+    towards = np.degrees(np.arctan2(side.normal[0], -side.normal[1]))
+    assert towards == pytest.approx(60, abs=0.1), "from palmar towards the thumb"
+
+
+def test_a_body_that_no_joint_moves_is_a_part_of_the_link_it_is_on(tmp_path: Path) -> None:
+    place = shadow_entries()["places"]["index_pad"] | {"body": "fftip"}
+    tip = '<body name="fftip" quat="0 0 0 1"><geom type="sphere" size="0.001"/><inertial pos="0 0 0" mass="0.001" '
+    tip += 'diaginertia="1e-8 1e-8 1e-8"/></body>'
+    joint = '<joint name="FFJ1" class="curl"/>'
+    digits = shadow_entries()["digits"]
+    digits["index"]["tip"]["body"] = "fftip"
+    turned = {"index_pad": place | {"point_m": [0, 0.00663, 0.019], "normal": [0, 0.98928, 0.14604]}}
+    path = write_hand(
+        tmp_path,
+        edited((joint, joint + tip)),
+        name="tipped",
+        digits=digits,
+        places=shadow_entries()["places"] | turned,
+    )
+    hand = load_hand(path)
+    assert areas_of(hand, "fftip", [0, 1, 0]) == {"distal_pad"}
+    assert areas_of(hand, "fftip", [1, 0, 0]) == {"distal_ulnar"}
+    assert areas_of(hand, "ffdistal", [1, 0, 0]) == {"distal_radial"}
+    assert areas_of(hand, "ffmiddle", [0, -1, 0]) == {"middle_pad"}
+
+
+def test_a_digit_without_contact_places_has_areas_by_the_hands_palm(tmp_path: Path) -> None:
+    places = {name: place for name, place in shadow_entries()["places"].items() if not name.startswith("ring")}
+    hand = load_hand(write_hand(tmp_path, places=places))
+    assert areas_of(hand, "rfdistal", [0, -1, 0]) == {"distal_pad"}
+    assert areas_of(hand, "rfdistal", [0, 0, 1]) == {"distal_end"}
+    assert areas_of(hand, "rfmiddle", [1, 0, 0]) == {"middle_radial"}
 
 
 def test_pads_of_the_straight_hand_face_the_palms_side(hand: Hand) -> None:
@@ -900,6 +1004,12 @@ def test_a_hand_names_the_types_it_can_make_and_refuses_others(cut_hands: Mappin
         assert str(caught.value) == (
             f"hand hand_of_2 cannot make a {name}: it has no {lacks}. Possible types: palmar_pinch, tip_pinch."
         )
+    with pytest.raises(
+        InputError, match=r"cannot make a parallel_extension: it has no middle\. Possible types: palmar_"
+    ):
+        cut_hands[2].check_type(FEIX_TYPES["parallel_extension"])
+    for n in (3, 4):
+        assert cut_hands[n].possible(FEIX_TYPES.values()) == tuple(FEIX_TYPES.values())
 
 
 def test_a_contact_place_that_a_hand_lacks_is_refused_with_those_it_has(cut_hands: Mapping[int, Hand]) -> None:

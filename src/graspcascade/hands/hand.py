@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import FileFormatError, InputError
 from ..core.poses import Pose
-from ..core.taxonomy import GRASP_TYPES, TAXONOMIES, GraspType
+from ..core.taxonomy import AREAS, GRASP_TYPES, TAXONOMIES, GraspType
 from .kinematics import Kinematics, Vector
 
 Array = NDArray[np.float64]
@@ -336,6 +336,59 @@ class Hand:
             np.copyto(thumb, own, where=rows)
             np.copyto(other, sum(others[1:], others[0]) / len(others), where=rows)
         return Closure(thumb, other, np.linalg.norm(points["thumb"] - points["index"], axis=-1))
+
+    def area_masks(self, bodies: Sequence[str], normals: ArrayLike) -> NDArray[np.uint16]:
+        """Find on which areas of each digit contacts are: those that face most nearly as the surface does there.
+
+        Pads and ends face as the contact places of these names, backs away from the pads; sides are those of a right
+        hand.
+
+        Args:
+            bodies: bodies of digits, one for each of n contacts.
+            normals: ``(n, 3)`` outward normals of the digit's surface at the contacts, in the bodies' frames.
+
+        Returns:
+            Masks ``(D,)`` of `core.taxonomy.AREAS`, a column a digit.
+        """
+        masks = np.zeros(len(self.digits), dtype=np.uint16)
+        for body, normal in zip(bodies, np.asarray(normals, dtype=np.float64), strict=True):
+            digit, directions, areas = self._faces[body]
+            masks[digit] |= 1 << areas[int(np.argmax(directions @ normal))]
+        return masks
+
+    @cached_property
+    def _faces(self) -> dict[str, tuple[int, Array, list[int]]]:
+        """By body of a digit: the digit's column, directions ``(k, 3)`` in the body's frame, the area of each."""
+        links = self.kinematics.links
+        faces: dict[str, tuple[int, Array, list[int]]] = {}
+        frames = {name: (turn[0], at[0]) for name, (turn, at) in self.frames(np.zeros(len(self.joint_names))).items()}
+
+        def faced(place: str, default: Array) -> Array:
+            known = self.places.get(place)
+            return default if known is None else frames[known.body][0] @ known.normal
+
+        for column, (name, digit) in enumerate(self.digits.items()):
+            line, (turn, at) = self.kinematics.ancestry([digit.tip_body]), frames[digit.tip_body]
+            # From the tip inwards; a body that no joint moves is a part of the one that it hangs from.
+            moving = [link.name for link in reversed(links) if link.joint and link.name in line]
+            along = at + turn @ digit.tip_m - frames[moving[0]][1]
+            along /= np.linalg.norm(along)
+            pad = faced(f"{name}_pad", np.array([0.0, -1.0, 0.0]))
+            palmar = pad - (pad @ along) * along
+            palmar /= np.linalg.norm(palmar)
+            radial = np.cross(along, palmar)
+            part_of = dict(zip(moving, ("distal", "middle"), strict=False))
+            for link in links:
+                if link.name != digit.root and faces.get(str(link.parent), (-1,))[0] != column:
+                    continue
+                above = "proximal" if link.name == digit.root else part_of[str(link.parent)]
+                part = part_of.setdefault(link.name, "proximal" if link.joint else above)
+                facing = {"pad": palmar, "radial": radial, "ulnar": -radial, "back": -palmar}
+                if part == "distal":
+                    facing |= {"pad": pad, "end": faced(f"{name}_end", along), "back": -pad}
+                directions = np.array(list(facing.values())) @ frames[link.name][0]
+                faces[link.name] = column, directions, [AREAS.index(f"{part}_{side}") for side in facing]
+        return faces
 
     def to_json(self) -> dict[str, Any]:
         """Describe everything geometric as plain lists and numbers; collision shapes and actuators stay in the MJCF."""

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -26,7 +27,7 @@ from ..core.outcomes import PALM, VERDICTS, Outcomes
 from ..core.poses import Pose, canonical_quat
 from ..core.protocols import Conditions
 from ..core.records import Columns, check_widths, gather, gather_pose, read_tasks, spread, spread_pose
-from ..core.taxonomy import DIGITS
+from ..core.taxonomy import AREAS, DIGITS
 
 METADATA_FILE = "metadata.json"
 SCHEMA_VERSION = 1
@@ -179,7 +180,7 @@ def from_columns(
     # Earlier versions did not record turns.
     columns = {"turn_rad": np.full(len(columns["side_m"]), np.nan), **columns} if "side_m" in columns else columns
     try:
-        _check_values(columns, joint_names)
+        _check_values(columns, joint_names, digits)
         types, objects, axes = (columns[name] for name in ("grasp_type", "object_label", "side_axis"))
         numbers = {name: np.asarray(columns[name], dtype=np.float64) for name in (*_GRASP_NUMBERS, *_OUTCOME_NUMBERS)}
         posture = gather(columns, "posture", joint_names)
@@ -220,10 +221,14 @@ def _areas(columns: Mapping[str, NDArray[Any]], prefix: str, digits: tuple[str, 
     return gather(columns, prefix, digits).astype(np.uint16)
 
 
-def _check_values(columns: Mapping[str, NDArray[Any]], joint_names: tuple[str, ...]) -> None:
+def _check_values(columns: Mapping[str, NDArray[Any]], joint_names: tuple[str, ...], digits: tuple[str, ...]) -> None:
     is_held = columns["verdict"] == "held"
     right = {"verdict": np.isin(columns["verdict"].astype(str), VERDICTS), "held": columns["held"] == is_held}
     right |= {f"posture_{name}": np.isfinite(columns[f"posture_{name}"]) for name in joint_names}
+    for when, digit in product(("closed", "end"), digits):
+        if (name := f"areas_{when}_{digit}") in columns:
+            known = (columns[name] >= 0) & (columns[name] < 1 << len(AREAS))
+            right[name] = known & ((columns[name] != 0) == columns[f"touch_{when}_{digit}"])
     pose = gather_pose(columns, "object")
     within = np.abs(pose.position_m) < _FARTHEST_M
     right |= {f"object_{axis}_m": within[:, place] for place, axis in enumerate(AXES)}

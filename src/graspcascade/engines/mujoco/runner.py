@@ -288,9 +288,10 @@ class _Runner:
 
         finished = held[(group.step[held] >= total) & (away <= self.protocol.displacement_m)]
         if finished.size:
-            touching = group.touching(finished)
+            touching, areas = group.touching(finished)
             success = is_opposed(touching, self.outcomes.digits)
-            self.outcomes.touching_end[group.trial[finished]] = touching & success[:, None]
+            ended = group.trial[finished[success]]
+            self.outcomes.touching_end[ended], self.outcomes.areas_end[ended] = touching[success], areas[success]
             self._decide(group, finished, np.where(success, "held", "dropped"))
         return np.concatenate([broken, missed, gone, finished])
 
@@ -310,7 +311,8 @@ class _Runner:
         kept = slots[~failed]
         finished = kept[group.step[kept] >= self.schedule.total_steps]
         if finished.size:
-            outcomes.touching_end[group.trial[finished]] = group.touching(finished)
+            ended = group.trial[finished]
+            outcomes.touching_end[ended], outcomes.areas_end[ended] = group.touching(finished)
             self._decide(group, finished, np.full(len(finished), "held"))
         again = kept[np.isin(group.step[kept], self.schedule.restarts)]
         if again.size:
@@ -324,11 +326,11 @@ class _Runner:
         group = self.whole
         if not slots.size:
             return slots
-        touching = group.touching(slots)
+        touching, areas = group.touching(slots)
         trials = group.trial[slots]
         settled = group.qpos[slots][:, group.world.joint_qpos]
         group.centre[slots] = group.qpos[slots, group.object_position]
-        self.outcomes.touching_closed[trials] = touching
+        self.outcomes.touching_closed[trials], self.outcomes.areas_closed[trials] = touching, areas
         self.outcomes.settled_posture[trials] = settled[:, self.to_grasps]
         self.outcomes.object_size_m[trials] = self.hand.tip_distance(settled)
         self.outcomes.X_hand_object_settled.position_m[trials] = group.centre[slots]

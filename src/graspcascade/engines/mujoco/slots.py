@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,6 +16,7 @@ from ...core.objects import CATALOGUE, GraspObject
 from ...core.poses import Pose, rotate
 from ...core.protocols import Conditions, Protocol
 from ...hands import Hand
+from ...worlds.pairs import digit_of_geoms
 from ...worlds.world import OBJECT, OBJECT_FIELDS, World, object_fields, object_rows, shared_world
 from .creep import CreepProjection, CreepSkipper
 from .hasten import Hastener, Hastening
@@ -93,6 +95,12 @@ class SlotGroup:
         elif creep is not None:
             self._skipper = CreepSkipper(creep, n_slots=n_slots, object_qpos=start, n_qpos=self.qpos.shape[1], **times)
         self._shared: tuple[SlotGroup, _Addresses] | None = None
+        self._hand, self._object = hand, int(self.world.model.geom(OBJECT).id)
+        self._digit = digit_of_geoms(self.world.model, hand)
+        bodies = range(self.world.model.nbody)
+        self._bodies = [self.world.model.body(body).name.removeprefix(hand.prefix) for body in bodies]
+        self._scratch: tuple[Any, Any] | None = None
+        """A model and a state to look at one slot, made when they are needed."""
 
     def aim(self, *ways: NDArray[np.float64], trials: TrialSetup) -> None:
         """Set pregrasp, contact and posture, ``(n, J)`` radians each, and the objects, for all trials to come."""
@@ -153,20 +161,45 @@ class SlotGroup:
         """
         self.batch.state[slots], self.step[slots], self.centre[slots] = state, step, centre
 
-    def touching(self, slots: Slots) -> NDArray[np.bool_]:
+    def touching(self, slots: Slots) -> tuple[NDArray[np.bool_], NDArray[np.uint16]]:
         """Compute contacts of each digit and the palm with the object ``(k, D + 1)`` at the present state.
 
-        Contact sensors are off while stepping, where nobody reads them.
+        With them come the areas of each digit that touch it (see `Hand.area_masks`), ``(k, D)``.
         """
+        self._sense(slots)
+        counts = [self.sensors[slots][:, list(adrs)].sum(axis=1) for adrs in self.world.touch_sensors]
+        areas = np.zeros((len(slots), len(self._hand.digits)), dtype=np.uint16)
+        for row, slot in enumerate(slots.tolist()):
+            areas[row] = self._areas(slot)
+        return np.stack(counts, axis=1) > 0, areas
+
+    def _sense(self, slots: Slots) -> None:
+        """Bring sensors up to date, which are off while stepping, where nobody reads them."""
         self._disabled[slots] = self._sensors_on
         self.batch.forward(ids=slots)
         self._disabled[slots] = self._sensors_off
-        counts = [self.sensors[slots][:, list(adrs)].sum(axis=1) for adrs in self.world.touch_sensors]
-        return np.stack(counts, axis=1) > 0
+
+    def _areas(self, slot: int) -> NDArray[np.uint16]:
+        if self._scratch is None:
+            self._scratch = copy.copy(self.world.model), mujoco.MjData(self.world.model)
+        model, data = self._scratch
+        self.batch.get_model(slot, model)
+        self.batch.get_data(slot, data)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        pairs = data.contact.geom
+        second = (self._digit[pairs[:, 1]] >= 0).astype(np.intp)
+        mine, other = (pairs[np.arange(len(pairs)), place] for place in (second, 1 - second))
+        touch = (self._digit[mine] >= 0) & (other == self._object)
+        bodies = model.geom_bodyid[mine[touch]]
+        # A contact's normal points from its first geom to its second.
+        outward = data.contact.frame[touch, :3] * (1 - 2 * second[touch, None])
+        normals = np.einsum("nij,ni->nj", data.xmat[bodies].reshape(-1, 3, 3), outward)
+        return self._hand.area_masks([self._bodies[body] for body in bodies.tolist()], normals)
 
     def overlapping(self, slots: Slots) -> NDArray[np.bool_]:
         """Tell where hand and object overlap by more than the protocol allows."""
-        self.touching(slots)
+        self._sense(slots)
         adr = self.world.overlap_sensor
         return np.asarray((self.sensors[slots, adr] > 0) & (self.sensors[slots, adr + 1] < -self.protocol.overlap_m))
 

@@ -153,9 +153,10 @@ class _Runner:
             elif settled is not None and np.linalg.norm(pose[:3] - settled[:3]) > self.protocol.displacement_m:
                 verdict = str(schedule.lost(np.array([step]))[0])
             elif step == schedule.total_steps:
-                touching = scene.touching()
+                touching, areas = scene.touching()
                 verdict = "held" if is_opposed(touching[None], outcomes.digits)[0] else "dropped"
-                outcomes.touching_end[trial] = touching & (verdict == "held")
+                if verdict == "held":
+                    outcomes.touching_end[trial], outcomes.areas_end[trial] = touching, areas
             if verdict is not None:
                 break
         outcomes.verdict[trial] = verdict
@@ -166,8 +167,8 @@ class _Runner:
 
     def _judge_closing(self, scene: Scene, trial: int, pose: NDArray[np.float64]) -> str | None:
         """Record the settled state; name the verdict if the trial ends here."""
-        outcomes, angles, touching = self.outcomes, scene.angles, scene.touching()
-        outcomes.touching_closed[trial] = touching
+        outcomes, angles, (touching, areas) = self.outcomes, scene.angles, scene.touching()
+        outcomes.touching_closed[trial], outcomes.areas_closed[trial] = touching, areas
         outcomes.settled_posture[trial] = angles[self.to_grasps]
         outcomes.object_size_m[trial] = self.hand.tip_distance(angles)[0]
         outcomes.X_hand_object_settled.position_m[trial] = pose[:3]

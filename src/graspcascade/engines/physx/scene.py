@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError
-from ...core.poses import quat_multiply
+from ...core.poses import quat_conjugate, quat_multiply, rotate
 from ...core.protocols import Physics
 from ...hands import Hand
 from ...worlds.pairs import digit_of_geoms
@@ -104,7 +104,7 @@ class Scene:
     def _add_hand(self, hand: Hand) -> None:
         model, digit = self._model, digit_of_geoms(self._model, hand)
         self._groups = _collision_groups(model, digit)
-        self._n_columns, self._column = len(hand.digits) + 1, {}
+        self._hand, self._touchable = hand, {}
         palm = {hand.prefix + name for name in hand.palm_bodies}
         self.links: dict[str, Any] = {}
         entities = []
@@ -120,7 +120,8 @@ class Scene:
                     place = model.geom_pos[geom], model.geom_quat[geom]
                     self._attach(link, model.geom_type[geom], model.geom_size[geom], geom, *place)
                     if digit[geom] >= 0 or name in palm:
-                        self._column[link] = int(digit[geom])  # -1, the last column, is the palm's
+                        # -1, the last column, is the palm's.
+                        self._touchable[link] = int(digit[geom]), name.removeprefix(hand.prefix)
             entity = self._sapien.Entity()
             entity.add_component(link)
             entities.append(entity)
@@ -232,13 +233,25 @@ class Scene:
         quat = np.asarray(pose.q, dtype=np.float64)
         return np.concatenate([pose.p, quat / np.linalg.norm(quat)])
 
-    def touching(self) -> NDArray[np.bool_]:
-        """Tell which digits, and last the palm, pressed on the object in the last step ``(D + 1,)``."""
-        touching = np.zeros(self._n_columns, dtype=bool)
+    def touching(self) -> tuple[NDArray[np.bool_], NDArray[np.uint16]]:
+        """Tell which digits, and last the palm, pressed on the object in the last step ``(D + 1,)``.
+
+        With them come the areas of each digit that did (see `Hand.area_masks`), ``(D,)``.
+        """
+        touching = np.zeros(len(self._hand.digits) + 1, dtype=bool)
+        bodies, normals = [], []
         for contact in self._system.get_contacts():
-            if self._object in contact.bodies and any(np.any(point.impulse) for point in contact.points):
-                touching[[self._column[body] for body in contact.bodies if body in self._column]] = True
-        return touching
+            pressed = [point.normal for point in contact.points if np.any(point.impulse)]
+            if self._object not in contact.bodies or not pressed:
+                continue
+            # Normals point from the second body to the first.
+            for link, outward in zip(contact.bodies, (-1.0, 1.0), strict=True):
+                column, name = self._touchable.get(link, (-1, None))
+                touching[column] |= name is not None
+                if column >= 0:
+                    bodies += [name] * len(pressed)
+                    normals += list(outward * rotate(quat_conjugate(link.entity_pose.q), pressed))
+        return touching, self._hand.area_masks(bodies, normals)
 
     def step(self, target: Array, acceleration: Array) -> None:
         """Make one time step with targets of the actuators ``(n_actuators,)`` in a field of acceleration, m/s2."""
