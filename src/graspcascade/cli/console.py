@@ -49,7 +49,7 @@ _WORKERS = "Processes to try in, each with one thread, 0 for as many as processo
 Workers = Annotated[int, arg(help=_WORKERS)]
 _OBJECTS = """Object to try, by name or size; or any:box, any:cylinder or any:sphere, of which each trial draws a size,
 or any for all three. Give the option again for more. Without it, the catalogue's nine or those that a model knows."""
-Objects = Annotated[UseAppendAction[tuple[str, ...] | None], arg(name="object", metavar="NAME|SIZE", help=_OBJECTS)]
+Objects = Annotated[UseAppendAction[tuple[str, ...]], arg(name="object", metavar="NAME|SIZE", help=_OBJECTS)]
 PoseNumbers = tuple[float, float, float, float, float, float, float]
 _POSE = "Object pose in the world, metres and a unit quaternion; it gives the hand's pose in the world."
 ObjectPose = Annotated[PoseNumbers | None, arg(metavar="X Y Z QW QX QY QZ", help=_POSE)]
@@ -143,7 +143,7 @@ def say(verb: str, *lines: str) -> None:
         print(f"graspcascade {verb}: {line}", file=sys.stderr)
 
 
-def possible_cells(proposal: Proposal, hand: Hand, verb: str, objects: Sequence[str] | None = None) -> list[Pair]:
+def possible_cells(proposal: Proposal, hand: Hand, verb: str, objects: Sequence[str] = ()) -> list[Pair]:
     """List cells of types that proposal and hand can make; say on standard error what is left out.
 
     Objects, if none are named, are the catalogue's or, of a proposal that knows others by name, those.
@@ -153,7 +153,7 @@ def possible_cells(proposal: Proposal, hand: Hand, verb: str, objects: Sequence[
     if left_out:
         why = f"{hand.name} lacks digits or places for them, or {proposal.name} has not seen them"
         say(verb, f"left out {', '.join(left_out)}: {why}")
-    tried = proposal.objects if objects is None else [obj for name in objects for obj in read_objects(name)]
+    tried = [obj for name in objects for obj in read_objects(name)] or proposal.objects
     return [(obj, kind) for obj in tried for kind in possible]
 
 

@@ -135,7 +135,7 @@ class Collect:
     """Folder of the dataset."""
     spec: Annotated[CollectionSpec, arg(name="size")] = field(default_factory=CollectionSpec)
     """How much to collect. A cell is a pair of object and grasp type; with the catalogue's objects there are 54."""
-    objects: Objects = None
+    objects: Objects = ()
     spread: Flag = False
     """Also place objects off centre, by up to a third of their other extents, and tilted, by up to 15 degrees."""
     hand: HandName = "shadow"
@@ -155,9 +155,7 @@ class Collect:
         placement = SPREAD if self.spread else CENTRED
         proposal = Heuristic(load_hand(self.hand), console.load_prior(self.prior), placement)
         console.possible_cells(proposal, proposal.hand, "collect")
-        cells = CELLS
-        if self.objects is not None:
-            cells = as_cells((name, kind) for name in self.objects for kind in GRASP_TYPES)
+        cells = as_cells((name, kind) for name in self.objects for kind in GRASP_TYPES) or CELLS
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         with console.bar("trials") as progress:
             watch = _Watch(progress, self.spec, cells, proposal.grasp_types)

@@ -228,7 +228,7 @@ class Evaluate:
     model: ModelName = "default"
     per_cell: int = 500
     """Trials for each object and grasp type."""
-    objects: console.Objects = None
+    objects: console.Objects = ()
     protocol: ProtocolName = "paper"
     engine: EngineName = "mujoco"
     hand: OwnHand = None

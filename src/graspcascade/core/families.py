@@ -92,6 +92,6 @@ def read_objects(given: GraspObject | ObjectFamily | str) -> tuple[GraspObject |
     if text == _ANY:
         return tuple(FAMILIES.values())
     if text.startswith(f"{_ANY}:"):
-        check_name("objects of random size", text, FAMILIES)
+        check_name("family of objects", text, FAMILIES)
         return (FAMILIES[text],)
     return (as_object(given),)
