@@ -23,10 +23,9 @@ from graspcascade.core.machine import cpu_model, processors, versions
 
 if TYPE_CHECKING:
     from graspcascade.core.grasps import Grasps
-    from graspcascade.core.objects import GraspObject
-    from graspcascade.core.taxonomy import GraspType
     from graspcascade.proposals import Proposal
     from graspcascade.proposals.heuristic import Heuristic
+    from graspcascade.studies.rounds import Pair
 
 DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130
 _BOX = " -─│╭╮╰╯├┤"
@@ -140,9 +139,7 @@ def collection_grasps(heuristic: Heuristic, per_cell: int, seed: int) -> Grasps:
     return draw_round(heuristic, range(len(CELLS)), 0, spec)[0]
 
 
-def evaluation_grasps(
-    proposal: Proposal, per_cell: int, seed: int, cells: Sequence[tuple[GraspObject, GraspType]] = ()
-) -> Grasps:
+def evaluation_grasps(proposal: Proposal, per_cell: int, seed: int, cells: Sequence[Pair] = ()) -> Grasps:
     """Draw what an evaluation of a proposal executes, of every object and type unless cells are named."""
     import numpy as np
 

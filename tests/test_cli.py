@@ -701,6 +701,15 @@ def test_evaluate_prints_rates_with_their_protocol_and_goes_on_from_its_folder(c
     assert_refused(call(*asked, "--seed", 1), str(tmp_path / "run"))
 
 
+def test_evaluate_draws_objects_of_random_size(call: Call) -> None:
+    asked = ["evaluate", "--model", "heuristic", "--object", "any", "--per-cell", 1]
+    report = call(*asked, "--json").json
+    assert (report["n"], list(report["verdicts"]["by_object"])) == (18, ["any:box", "any:cylinder", "any:sphere"])
+    said = call(*asked)
+    assert "any:cylinder" in said.out
+    assert "box_small" not in said.out
+
+
 def test_evaluate_tells_a_users_model_from_others_of_its_kind(call: Call, model: Path) -> None:
     assert call("evaluate", "--model", model, "--per-cell", 1).out.startswith(f"model3 ({model}) under protocol paper")
 
@@ -785,6 +794,38 @@ def test_collect_writes_a_dataset_and_goes_on_with_the_same_arguments(call: Call
     said = call("train", "--data", tmp_path / "data", "--out", tmp_path / "model")
     assert_refused(said, "at least 100 are needed")
     assert not (tmp_path / "model").exists()
+
+
+def test_collect_takes_objects_of_ones_own_and_of_random_size_and_spreads_them(call: Call, tmp_path: Path) -> None:
+    asked = ["collect", "--out", tmp_path / "data", "--object", "any:sphere", "--object", "box:32x41x60mm"]
+    asked += ["--trials-per-cell", 2, "--round-per-cell", 2, "--protocol", "varied"]
+    said = call(*asked, "--spread")
+    assert said.status == 0
+    assert "24 screened trials under protocol varied" in said.out
+    metadata = json.loads((tmp_path / "data" / "metadata.json").read_text())
+    names = [cell["object"] for cell in metadata["counts"]["cells"]]
+    assert names == ["any:sphere"] * 6 + ["box:32x41x60mm"] * 6
+    assert metadata["placement"]["offset_share"] == pytest.approx(1 / 3)
+    assert_refused(call(*asked), "another placement")
+
+
+def test_cells_of_random_size_that_lack_grasps_are_named(call: Call, tmp_path: Path) -> None:
+    asked = ["--object", "any:box", "--trials-per-cell", 0, "--successes-per-cell", 50, "--most-trials-per-cell", 1]
+    said = call("collect", "--out", tmp_path / "data", "--round-per-cell", 1, *asked)
+    assert "given up: any:box/tripod (1 trials), any:box/palmar_pinch (1 trials)" in said.out
+
+
+@pytest.mark.parametrize("verb", [["collect", "--out", "data"], ["evaluate", "--model", "heuristic"]])
+def test_unknown_repeated_and_too_large_objects_are_refused(
+    call: Call, verb: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert_refused(call(*verb, "--object", "any:bxo"), "unknown family of objects 'any:bxo'", "'any:box'")
+    assert_refused(call(*verb, "--object", "box_smal"), "unknown object 'box_smal'", "'box_small'")
+    assert_refused(call(*verb, "--object", "any", "--object", "any:box"), "each object and type once")
+    assert_refused(call(*verb, "--object", "sphere:80mm"), "no side of sphere:80mm is within the hand's reach")
+    assert_refused(call("sample", "tripod", "any:box"), "'any:box' means objects of random size")
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
 def test_collect_says_once_which_shards_it_collects_again(

@@ -17,17 +17,19 @@ import pytest
 
 import graspcascade.studies.collect  # noqa: F401  the module, which the package hides behind the function
 from graspcascade.core.errors import FileFormatError, InputError
+from graspcascade.core.families import FAMILIES, ObjectFamily, read_objects
 from graspcascade.core.files import LOCK_FILE, sole_writer
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import CATALOGUE, Box, GraspObject, as_object
 from graspcascade.core.outcomes import VERDICTS, Outcomes
 from graspcascade.core.protocols import VARIED, Protocol
+from graspcascade.core.tasks import Tasks, draw_tasks
 from graspcascade.core.taxonomy import DIGITS, GRASP_TYPES
 from graspcascade.engines import run_trials
 from graspcascade.engines.mujoco.creep import FAST_FORWARD
 from graspcascade.engines.mujoco.runner import MujocoEngine
 from graspcascade.hands import Hand
-from graspcascade.proposals.heuristic import Heuristic, cannot_touch
+from graspcascade.proposals.heuristic import SPREAD, Heuristic, Placement, cannot_touch
 from graspcascade.proposals.prior import PosturePrior
 from graspcascade.studies.collect import CollectionSpec, CollectionState
 from graspcascade.studies.dataset import SCHEMA_VERSION, from_columns, load_dataset, to_columns
@@ -490,6 +492,113 @@ def test_a_dataset_may_be_of_objects_that_the_catalogue_lacks(
         load_dataset(tmp_path)
 
 
+# Objects of random size
+
+FAMILY_NAMES = (("any:box", "tripod"), ("any:sphere", "tip_pinch"), ("box_small", "tripod"))
+FAMILY_CELLS = tuple((*read_objects(obj), GRASP_TYPES[kind]) for obj, kind in FAMILY_NAMES)
+Going = tuple[Path, Callable[..., CollectionState]]
+
+
+@pytest.fixture(scope="module")
+def of_families(heuristic: Heuristic, short: Protocol, tmp_path_factory: pytest.TempPathFactory) -> Going:
+    """Collect two rounds of families under varied conditions and spread placements, and say how to go on."""
+    folder = tmp_path_factory.mktemp("families") / "data"
+    protocol = replace(short, name="varied", variation=VARIED.variation)
+    spread = replace(heuristic, placement=SPREAD)
+
+    def go_on(folder: Path, proposal: Heuristic = spread, **options: Any) -> CollectionState:
+        return collect(proposal, SPEC, folder, **{"protocol": protocol, "cells": FAMILY_CELLS, **options})
+
+    go_on(folder)
+    return folder, go_on
+
+
+def test_each_trial_of_a_family_has_an_object_and_conditions_of_its_own(of_families: Going) -> None:
+    dataset = load_dataset(of_families[0])
+    shapes = np.array([task.object.shape.kind for task in dataset.grasps.tasks])
+    names = dataset.grasps.object_name
+    assert len(set(names[shapes == "sphere"].tolist())) == (shapes == "sphere").sum() == 6
+    assert set(dataset.grasps.grasp_type[shapes == "sphere"]) == {"tip_pinch"}
+    assert (names == "box_small").sum() == 6
+    assert dataset.conditions is not None
+    assert len(np.unique(dataset.conditions.friction)) == len(dataset.grasps) == 18
+
+
+def test_screening_prefers_no_size(hand: Hand, heuristic: Heuristic) -> None:
+    # Were the object drawn again with a posture that cannot touch it, small ones would be tried less often.
+    spec, cells = replace(SPEC, round_per_cell=400), FAMILY_CELLS[:2]
+    grasps, skipped = module.draw_round(heuristic, range(2), 0, spec, cells)
+    rngs = [np.random.default_rng([spec.seed, 0, number]) for number in range(2)]
+    asked = [draw_tasks([cell], 400, hand.reach_m, rng) for cell, rng in zip(cells, rngs, strict=True)]
+    assert grasps.tasks.same_as(Tasks.concatenate(asked))
+    assert not cannot_touch(hand, grasps).any()
+    # About as many postures are too wide for their side as are not.
+    assert 400 < skipped < 1600
+
+
+def test_counts_are_by_family(of_families: Going) -> None:
+    counts, dataset = metadata_of(of_families[0])["counts"]["cells"], load_dataset(of_families[0])
+    assert [(cell["object"], cell["grasp_type"]) for cell in counts] == list(FAMILY_NAMES)
+    names = dataset.grasps.object_name
+    is_sphere = np.char.startswith(names, "sphere:")
+    for cell, rows in zip(counts, (~is_sphere & (names != "box_small"), is_sphere, names == "box_small"), strict=True):
+        assert (cell["trials"], cell["held"]) == (6, dataset.outcomes.held[rows].sum())
+
+
+def test_metadata_says_what_was_drawn_from(of_families: Going) -> None:
+    metadata = metadata_of(of_families[0])
+    assert list(metadata["objects"]) == ["box_small"]
+    assert metadata["families"] == {name: FAMILIES[name].to_json() for name in ("any:box", "any:sphere")}
+    assert metadata["families"]["any:sphere"] == {"shape": "sphere", "ranges_m": [[0.02, 0.065]], "widest_m": 0.065}
+    assert metadata["placement"] == {"offset_share": 1 / 3, "tilt_rad": pytest.approx(np.pi / 12)}
+    assert metadata["cells"] == [list(pair) for pair in FAMILY_NAMES]
+
+
+def test_a_collection_as_usual_says_nothing_of_families_and_placements(collection: Path) -> None:
+    assert not {"families", "placement"} & set(metadata_of(collection))
+
+
+def test_a_collection_of_families_goes_on_with_the_same_rows_in_any_number_of_processes(
+    of_families: Going, tmp_path: Path
+) -> None:
+    folder, go_on = of_families
+
+    def stop(state: CollectionState) -> None:
+        if state.rounds == 1:
+            raise CutOffError
+
+    with pytest.raises(CutOffError):
+        go_on(tmp_path / "data", progress=stop)
+    go_on(tmp_path / "data", workers=2)
+    assert contents(tmp_path / "data") == contents(folder)
+
+
+def test_other_families_and_placements_are_refused_either_way_round(
+    of_families: Going, copy: Path, heuristic: Heuristic, short: Protocol
+) -> None:
+    folder, go_on = of_families
+    smaller = ObjectFamily("any:box", Box, ((0.02, 0.03),) * 3)
+    for options, words in (
+        ({"proposal": heuristic}, "placement"),
+        ({"proposal": replace(heuristic, placement=Placement(0.1, 0.1))}, "placement"),
+        ({"cells": ((smaller, GRASP_TYPES["tripod"]), *FAMILY_CELLS[1:])}, "families"),
+        ({"cells": FAMILY_CELLS[:2]}, "objects, cells"),
+    ):
+        with pytest.raises(InputError, match=f"holds rounds with another {words};"):
+            go_on(folder, **options)
+    with pytest.raises(InputError, match="holds rounds with another placement;"):
+        collect(replace(heuristic, placement=SPREAD), SPEC, copy, protocol=short)
+
+
+def test_a_collection_of_one_type_is_not_gone_on_with_for_all(
+    heuristic: Heuristic, short: Protocol, tmp_path: Path
+) -> None:
+    spec = CollectionSpec(trials_per_cell=1, round_per_cell=1)
+    collect(heuristic, spec, tmp_path, protocol=short, cells=[(obj, "tripod") for obj in CATALOGUE])
+    with pytest.raises(InputError, match="holds rounds with another cells"):
+        module.collect(heuristic, spec, tmp_path, protocol=short)
+
+
 # Refusals
 
 
@@ -541,6 +650,8 @@ def test_a_cell_that_cannot_touch_is_given_up_by_its_name(hand: Hand, prior: Pos
     spec = CollectionSpec(trials_per_cell=1, round_per_cell=1)
     with pytest.raises(InputError, match=r"only 0 of 1000 tripod candidates for box_small .* give a prior"):
         module.draw_round(open_hand, range(2), 0, spec, FEW_CELLS)
+    with pytest.raises(InputError, match=r"only 0 of 1000 tripod candidates for any:box .* give a prior"):
+        module.draw_round(open_hand, range(1), 0, spec, FAMILY_CELLS)
 
 
 def test_refused_cells_do_not_bind_the_folder(heuristic: Heuristic, short: Protocol, tmp_path: Path) -> None:

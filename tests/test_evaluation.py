@@ -14,6 +14,7 @@ import pytest
 
 from evaluations import evaluation
 from graspcascade.core.errors import FileFormatError, InputError
+from graspcascade.core.families import FAMILIES
 from graspcascade.core.files import LOCK_FILE, sole_writer
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.intervals import wilson
@@ -29,13 +30,13 @@ from graspcascade.engines.mujoco.runner import MujocoEngine
 from graspcascade.hands import Hand, load_hand
 from graspcascade.proposals import Proposal
 from graspcascade.proposals.cascade.sampler import GraspSampler
-from graspcascade.proposals.heuristic import Heuristic, Screened, cannot_touch
+from graspcascade.proposals.heuristic import SPREAD, Heuristic, Screened, cannot_touch
 from graspcascade.proposals.prior import PosturePrior
 from graspcascade.studies.collect import CollectionRound, CollectionSpec
 from graspcascade.studies.dataset import load_dataset
 from graspcascade.studies.evaluate import ROUND_PER_CELL, EvaluationRound, evaluate
 from graspcascade.studies.record import Evaluation
-from graspcascade.studies.rounds import CELLS, Pair, TrialJob
+from graspcascade.studies.rounds import CELLS, Pair, TrialJob, as_cells
 
 HAND = load_hand("shadow")
 
@@ -500,6 +501,25 @@ def test_a_screened_heuristic_is_evaluated_on_objects_of_ones_own(
     assert not cannot_touch(HAND, rows.grasps).any()
 
 
+def test_every_trial_of_a_family_has_an_object_of_its_own_and_is_counted_by_family(
+    tmp_path: Path, prior: PosturePrior, no_physics: list[int]
+) -> None:
+    names = [("any", "tripod"), ("box_small", "tripod")]
+    result = evaluate(Heuristic(HAND, prior), per_cell=ROUND_PER_CELL + 3, seed=0, cells=names, out=tmp_path)
+    labels = ["any:box", "any:cylinder", "any:sphere", "box_small"]
+    assert [cell.object_label for cell in result.cells] == labels
+    assert Evaluation.load(tmp_path / "evaluation.json") == result
+    rows = load_dataset(tmp_path)
+    assert rows.metadata["families"] == {name: FAMILIES[name].to_json() for name in labels[:3]}
+    # Of spheres there are 451; of boxes and cylinders no size is drawn twice.
+    assert len(rows.grasps.tasks.objects) > 3 * 20
+    shapes = np.array([name.split(":")[0] for name in rows.grasps.object_name.tolist()])
+    for cell, shape in zip(result.cells, ("box", "cylinder", "sphere", "box_small"), strict=True):
+        assert cell.held == rows.outcomes.held[shapes == shape].sum()
+    with pytest.raises(InputError, match="knows 9 objects by name and not box:"):
+        evaluate(GraspSampler.pretrained(), per_cell=1, seed=0, cells=names)
+
+
 def test_refused_cells_do_not_bind_the_folder(tmp_path: Path, no_physics: list[int]) -> None:
     asked: dict[str, Any] = {"per_cell": 2, "seed": 0, "out": tmp_path}
     with pytest.raises(InputError, match="knows 9 objects by name and not box:32x41x60mm"):
@@ -516,7 +536,12 @@ def test_a_round_that_was_sent_elsewhere_draws_the_same(prior: PosturePrior) -> 
     heuristic = Heuristic(HAND, prior)
     evaluation_round = EvaluationRound(Screened(heuristic, 20), OWN_CELLS, 5, 0, 1)
     collection_round = CollectionRound(heuristic, (0, 30), 1, CollectionSpec(round_per_cell=4))
-    for draw in (evaluation_round, collection_round):
+    families, spread = as_cells([("any", "tripod")]), replace(heuristic, placement=SPREAD)
+    of_families = (
+        EvaluationRound(heuristic, families, 5, 0, 1),
+        CollectionRound(spread, (0, 2), 1, CollectionSpec(round_per_cell=4), families),
+    )
+    for draw in (evaluation_round, collection_round, *of_families):
         job = TrialJob(draw, HAND, PAPER, WithoutPhysics(), 1, 2)
         sent = pickle.loads(pickle.dumps(job))
         here, there = draw(), sent.draw()

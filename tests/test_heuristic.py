@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from graspcascade.core.errors import InputError
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import CATALOGUE, Box, Cylinder, GraspObject, Site, Sphere, as_object
-from graspcascade.core.poses import rotate
+from graspcascade.core.poses import Pose, rotate
 from graspcascade.core.tasks import Task, Tasks, draw_tasks
 from graspcascade.core.taxonomy import GRASP_TYPES, GraspType, as_type
 from graspcascade.hands import Hand
-from graspcascade.proposals.heuristic import Heuristic, Screened, cannot_touch, place
+from graspcascade.proposals.heuristic import CENTRED, SPREAD, Heuristic, Placement, Screened, cannot_touch, place
 from graspcascade.proposals.prior import PosturePrior
 
 N = 40
@@ -260,6 +260,117 @@ def test_equivalent_axes_become_the_one_that_names_the_side(hand: Hand) -> None:
     posture = hand.pregrasp[None].repeat(3, axis=0)
     tasks = Tasks.of(map(Task.of, ["tripod"] * 3, ["cylinder_small", "sphere_small", "box_small"], ["y", "z", "y"]))
     assert place(hand, posture, tasks, np.random.default_rng(0)).side_axis.tolist() == ["x", "x", "y"]
+
+
+# Placement
+
+
+def measure(hand: Hand, grasps: Grasps) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Measure offsets ``(n, 3)`` of the opposing places' middle from the site's centre, as shares of the extents.
+
+    Further, of each site's axis against the line between the places: the angle, the axis and the line.
+    """
+    thumb, other = pairs(hand, grasps)
+    centres = np.array([task.site.centre_m for task in grasps.tasks])
+    extents = np.array([task.object.extents_m for task in grasps.tasks])
+    offset = (grasps.X_hand_object.inverse().apply((thumb + other) / 2) - centres) / extents
+    line = (other - thumb) / np.linalg.norm(other - thumb, axis=1, keepdims=True)
+    along = rotate(grasps.X_hand_object.quat_wxyz, body_axes(grasps))
+    along = np.where((along * line).sum(axis=1, keepdims=True) < 0, -along, along)
+    across = np.linalg.norm(np.cross(along, line), axis=1)
+    return offset, np.arctan2(across, (along * line).sum(axis=1)), along, line
+
+
+@settings(max_examples=25)
+@given(seed=seeds, obj=primitives, share=st.floats(0.0, 0.5), tilt_rad=st.floats(0.0, np.pi / 2))
+def test_a_placed_object_is_off_centre_and_tilted_within_bounds(
+    hand: Hand, prior: PosturePrior, seed: int, obj: GraspObject, share: float, tilt_rad: float
+) -> None:
+    rng, kinds = np.random.default_rng(seed), list(GRASP_TYPES.values())
+    tasks = draw_tasks([(each, kind) for each in (obj, CATALOGUE["box_small"]) for kind in kinds], 2, np.inf, rng)
+    proposal = Heuristic(replace(hand, reach_m=np.inf), prior, Placement(share, tilt_rad))
+    for grasps in (proposal.propose(tasks, rng), Screened(proposal, 2).propose(tasks, rng)):
+        offset, tilt, _, _ = measure(hand, grasps)
+        assert (np.abs(offset) <= share + 1e-9).all()
+        np.testing.assert_allclose((offset * body_axes(grasps)).sum(axis=1), 0.0, atol=1e-9)
+        assert (tilt <= tilt_rad + 1e-6).all()
+        np.testing.assert_allclose(np.linalg.norm(grasps.X_hand_object.quat_wxyz, axis=1), 1)
+        assert (grasps.X_hand_object.quat_wxyz[:, 0] >= 0).all()
+
+
+def test_offsets_and_tilts_are_even_within_their_bounds(hand: Hand, prior: PosturePrior) -> None:
+    n = 3000
+    tasks = Tasks.repeat(Task.of("tripod", "box_medium", "y"), n)
+    grasps = Heuristic(hand, prior, SPREAD).propose(tasks, np.random.default_rng(0))
+    offset, tilt, along, line = measure(hand, grasps)
+    np.testing.assert_allclose(offset[:, 1], 0.0, atol=1e-9)
+    draws = {"x": (offset[:, 0], -1 / 3, 1 / 3), "z": (offset[:, 2], -1 / 3, 1 / 3), "tilt": (tilt, 0, np.pi / 12)}
+    across = along - (along * line).sum(axis=1, keepdims=True) * line
+    reference = np.cross(line, [0.0, 0.0, 1.0])
+    turn = np.arctan2((np.cross(line, reference) * across).sum(axis=1), (reference * across).sum(axis=1))
+    draws["direction of the tilt"] = (turn, -np.pi, np.pi)
+    for name, (values, low, high) in draws.items():
+        counts, _ = np.histogram(values, bins=10, range=(low - 1e-9, high + 1e-9))
+        assert counts.sum() == n, name
+        assert ((counts - n / 10) ** 2 / (n / 10)).sum() < 34, f"{name}, 9 degrees of freedom: once in 10,000 draws"
+    correlation = np.corrcoef([offset[:, 0], offset[:, 2], tilt])
+    assert np.abs(correlation - np.eye(3)).max() < 4 / np.sqrt(n)
+
+
+def test_a_site_off_the_objects_centre_is_placed_about_that_site(hand: Hand, prior: PosturePrior) -> None:
+    ruler = as_object("box:150x20x5mm")
+    task = Task(GRASP_TYPES["tripod"], ruler, Site((0.0, 1.0, 0.0), 0.020, (0.060, 0.0, 0.0)))
+    rng = np.random.default_rng(0)
+    grasps = Heuristic(hand, prior, Placement(0.01, 0.1)).propose(Tasks.repeat(task, 50), rng)
+    offset, tilt, _, _ = measure(hand, grasps)
+    assert np.abs(offset).max() <= 0.01
+    assert 0.05 < tilt.max() <= 0.1
+
+
+@pytest.mark.parametrize("screen", [lambda heuristic: heuristic, Screened])
+def test_no_spread_is_the_papers_placement_and_draws_nothing(hand: Hand, prior: PosturePrior, screen: Any) -> None:
+    drawn, states = [], []
+    for heuristic in (Heuristic(hand, prior), Heuristic(hand, prior, Placement(0.0, 0.0))):
+        rng = np.random.default_rng(0)
+        drawn.append(screen(heuristic).propose_any_side(CATALOGUE["box_small"], GRASP_TYPES["tripod"], 20, rng))
+        states.append(rng.bit_generator.state)
+    assert states[0] == states[1]
+    for name, column in drawn[0].columns().items():
+        np.testing.assert_array_equal(column, drawn[1].columns()[name], err_msg=name)
+
+
+def test_a_spread_changes_places_alone(hand: Hand, prior: PosturePrior) -> None:
+    tasks = Tasks.repeat(Task.of("tripod", "box_medium", "x"), 20)
+    centred, spread = (
+        Heuristic(hand, prior, placement).propose(tasks, np.random.default_rng(0)) for placement in (CENTRED, SPREAD)
+    )
+    np.testing.assert_array_equal(centred.posture, spread.posture)
+    # The free angle is the same: seen from the tilted object, only the tilt is new.
+    apart = Pose(centred.X_hand_object.position_m, centred.X_hand_object.quat_wxyz).inverse() @ spread.X_hand_object
+    angle = 2 * np.arccos(np.clip(np.abs(apart.quat_wxyz[:, 0]), 0, 1))
+    np.testing.assert_allclose(angle, measure(hand, spread)[1], atol=1e-6)
+
+
+def test_records_say_how_objects_were_spread(hand: Hand, prior: PosturePrior) -> None:
+    spread = Heuristic(hand, prior, Placement(0.25, 0.1))
+    placement = {"offset_share": 0.25, "tilt_rad": 0.1}
+    assert spread.describe() == {"prior": prior.fingerprint(), "placement": placement}
+    assert Screened(spread).describe()["placement"] == placement
+    assert spread.sample("tripod", "box_small", n=1).X_hand_object.quat_wxyz.shape == (1, 4)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"offset_share": -0.1}, "offset_share of a placement must be 0 to 0.5, got -0.1"),
+        ({"offset_share": 0.6}, "offset_share of a placement must be 0 to 0.5, got 0.6"),
+        ({"tilt_rad": 15.0}, "tilt_rad of a placement must be 0 to 1.571, got 15.0"),
+        ({"tilt_rad": np.nan}, "tilt_rad of a placement must be 0 to 1.571, got nan"),
+    ],
+)
+def test_a_placement_out_of_bounds_is_refused(wrong: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Placement(**wrong)
 
 
 # Input

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from graspcascade.core.errors import InputError
+from graspcascade.core.families import FAMILIES
 from graspcascade.core.objects import CATALOGUE, Box, GraspObject, Site, Sphere, as_object
 from graspcascade.core.tasks import Task, Tasks, draw_tasks
 from graspcascade.core.taxonomy import GRASP_TYPES, as_type
@@ -164,6 +165,44 @@ def test_a_side_depends_on_the_reach_of_the_hand() -> None:
     assert set(drawn.side_axis) == {"x", "y"}
     with pytest.raises(InputError, match="no side of box_medium is within the hand's reach of 2 cm"):
         draw_tasks(cells, 1, 0.02, np.random.default_rng(0))
+
+
+def test_each_row_of_a_family_has_an_object_of_its_own_and_a_side_drawn_evenly_among_the_graspable() -> None:
+    kind, n = as_type("tripod"), 3000
+    tasks = draw_tasks([(FAMILIES["any:box"], kind)], n, 0.065, np.random.default_rng(0))
+    assert len(tasks.objects) > 0.99 * n
+    assert {task.grasp_type for task in tasks.distinct} == {kind}
+    assert all(task.site in task.object.sites(0.065).values() for task in tasks)
+    # Whether the first of the sides that can be held is drawn, by how many there are.
+    for n_sides in (1, 2, 3):
+        some = [task for task in tasks if len(task.object.sites(0.065)) == n_sides]
+        first = np.mean([task.site == next(iter(task.object.sites(0.065).values())) for task in some])
+        assert first == pytest.approx(1 / n_sides, abs=4 * 0.5 / np.sqrt(len(some)))
+
+
+def test_objects_of_a_family_are_within_the_hands_reach() -> None:
+    cells = [(family, as_type("tripod")) for family in FAMILIES.values()]
+    tasks = draw_tasks(cells, 50, 0.03, np.random.default_rng(0))
+    assert tasks.side_m.max() <= 0.03
+    with pytest.raises(InputError, match="any:sphere has no size of which a side is within the reach of 1 cm"):
+        draw_tasks([(FAMILIES["any:sphere"], as_type("tripod"))], 1, 0.01, np.random.default_rng(0))
+
+
+def test_a_family_beside_objects_leaves_their_sides_as_they_are() -> None:
+    cells = [(CATALOGUE[name], as_type("tripod")) for name in ("box_small", "box_medium", "box_large")]
+    mixed = [cells[0], (FAMILIES["any:box"], as_type("tripod")), cells[2]]
+    alone, beside = (draw_tasks(some, 20, 0.065, np.random.default_rng(0)) for some in (cells, mixed))
+    for rows in (slice(0, 20), slice(40, 60)):
+        assert alone[rows].same_as(beside[rows])
+    assert len(beside[20:40].objects) == 20
+
+
+def test_selected_rows_keep_only_tasks_of_their_own() -> None:
+    tasks = draw_tasks([(FAMILIES["any:cylinder"], as_type("tripod"))], 50, 0.065, np.random.default_rng(0))
+    some = tasks[[7, 3, 7]]
+    assert len(some.table) == 2
+    assert list(some) == [list(tasks)[row] for row in (7, 3, 7)]
+    assert tasks[:0].table == ()
 
 
 def test_no_cells_draw_no_tasks() -> None:

@@ -13,10 +13,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import FlagCreatePairsOff, arg
+from tyro.conf import FlagCreatePairsOff, UseAppendAction, arg
 
 from .. import hands
 from ..core.errors import InputError, check_whole, unknown
+from ..core.families import read_objects
 from ..core.poses import Pose
 from ..core.protocols import PROTOCOLS
 from ..core.taxonomy import GRASP_TYPES
@@ -46,6 +47,9 @@ EngineName = Annotated[str, arg(metavar="NAME", help="Physics engine: mujoco, or
 Threads = Annotated[int, arg(help="Simulation threads, 0 for all processors.")]
 _WORKERS = "Processes to try in, each with one thread, 0 for as many as processors; 1 stays in this one."
 Workers = Annotated[int, arg(help=_WORKERS)]
+_OBJECTS = """Object to try, by name or size; or any:box, any:cylinder or any:sphere, of which each trial draws a size,
+or any for all three. Give the option again for more. Without it, the catalogue's nine or those that a model knows."""
+Objects = Annotated[UseAppendAction[tuple[str, ...]], arg(name="object", metavar="NAME|SIZE", help=_OBJECTS)]
 PoseNumbers = tuple[float, float, float, float, float, float, float]
 _POSE = "Object pose in the world, metres and a unit quaternion; it gives the hand's pose in the world."
 ObjectPose = Annotated[PoseNumbers | None, arg(metavar="X Y Z QW QX QY QZ", help=_POSE)]
@@ -139,17 +143,18 @@ def say(verb: str, *lines: str) -> None:
         print(f"graspcascade {verb}: {line}", file=sys.stderr)
 
 
-def possible_cells(proposal: Proposal, hand: Hand, verb: str) -> list[Pair]:
+def possible_cells(proposal: Proposal, hand: Hand, verb: str, objects: Sequence[str] = ()) -> list[Pair]:
     """List cells of types that proposal and hand can make; say on standard error what is left out.
 
-    Objects are the catalogue's or, of a proposal that knows others by name, those.
+    Objects, if none are named, are the catalogue's or, of a proposal that knows others by name, those.
     """
     possible = [kind for kind in proposal.grasp_types if kind in hand.grasp_types]
     left_out = [name for name, kind in GRASP_TYPES.items() if kind not in possible]
     if left_out:
         why = f"{hand.name} lacks digits or places for them, or {proposal.name} has not seen them"
         say(verb, f"left out {', '.join(left_out)}: {why}")
-    return [(obj, kind) for obj in proposal.objects for kind in possible]
+    tried = [obj for name in objects for obj in read_objects(name)] or proposal.objects
+    return [(obj, kind) for obj in tried for kind in possible]
 
 
 def object_pose(given: PoseNumbers | None) -> Pose | None:

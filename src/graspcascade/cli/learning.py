@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -20,15 +20,15 @@ from ..engines import as_engine
 from ..hands import Hand, load_hand
 from ..nets import EpochRecord, TrainingSpec
 from ..proposals.cascade.stages import factorization
-from ..proposals.heuristic import Heuristic
+from ..proposals.heuristic import CENTRED, SPREAD, Heuristic
 from ..studies.collect import CollectionSpec, CollectionState, collect
 from ..studies.dataset import load_dataset
 from ..studies.learn import PRIOR_TRAINING, CascadeTraining, fit_cascade, fit_prior
 from ..studies.postures import LabelledPostures, Unit, export_postures, import_postures
-from ..studies.rounds import CELLS, cell_name
+from ..studies.rounds import CELLS, Pair, as_cells, cell_name
 from ..studies.seeds import Likeness, SeedSpec, human_likeness, make_seeds
 from . import console
-from .console import Bar, EngineName, Flag, HandName, Json, PriorFile, ProtocolName, Threads, Workers, percent
+from .console import Bar, EngineName, Flag, HandName, Json, Objects, PriorFile, ProtocolName, Threads, Workers, percent
 
 _WORST_JOINTS = 3
 """How many of the joints whose angles were clipped are named."""
@@ -134,7 +134,10 @@ class Collect:
     out: Path
     """Folder of the dataset."""
     spec: Annotated[CollectionSpec, arg(name="size")] = field(default_factory=CollectionSpec)
-    """How much to collect. A cell is a pair of object and grasp type; there are 54."""
+    """How much to collect. A cell is a pair of object and grasp type; with the catalogue's objects there are 54."""
+    objects: Objects = ()
+    spread: Flag = False
+    """Also place objects off centre, by up to a third of their other extents, and tilted, by up to 15 degrees."""
     hand: HandName = "shadow"
     prior: PriorFile = None
     protocol: ProtocolName = "paper"
@@ -149,23 +152,26 @@ class Collect:
         """Collect, then say how much there is."""
         console.need("pyarrow")
         console.check_threads(threads=self.threads, workers=self.workers)
-        proposal = Heuristic(load_hand(self.hand), console.load_prior(self.prior))
+        placement = SPREAD if self.spread else CENTRED
+        proposal = Heuristic(load_hand(self.hand), console.load_prior(self.prior), placement)
         console.possible_cells(proposal, proposal.hand, "collect")
+        cells = as_cells((name, kind) for name in self.objects for kind in GRASP_TYPES) or CELLS
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         with console.bar("trials") as progress:
-            watch = _Watch(progress, self.spec, proposal.grasp_types)
+            watch = _Watch(progress, self.spec, cells, proposal.grasp_types)
             state = collect(
                 proposal,
                 self.spec,
                 self.out,
                 protocol=protocol,
                 engine=engine if self.full else engine.abridging(protocol),
+                cells=cells,
                 workers=self.workers,
                 progress=watch.round,
                 tick=watch.trials,
             )
         trials, held, faithful = (int(counts.sum()) for counts in (state.trials, state.held, state.faithful))
-        short = [cell for cell in state.short(self.spec).tolist() if CELLS[cell][1] in proposal.grasp_types]
+        short = [cell for cell in state.short(self.spec).tolist() if cells[cell][1] in proposal.grasp_types]
         if self.json:
             counts = {"trials": trials, "held": held, "faithful": faithful, "cells_given_up": len(short)}
             facts = {"out": str(self.out), "protocol": protocol.name, "rounds": state.rounds, **counts}
@@ -174,16 +180,18 @@ class Collect:
         counted = f"{trials} screened trials under protocol {protocol.name}, {held} held ({_rate(state)})"
         print(f"{self.out}: {counted}, {faithful} type-faithful")
         if short:
-            given_up = [f"{cell_name(CELLS[cell])} ({state.trials[cell]} trials)" for cell in short]
+            given_up = [f"{cell_name(cells[cell])} ({state.trials[cell]} trials)" for cell in short]
             print(f"given up: {', '.join(given_up)}")
 
 
 class _Watch:
     """Show how far a collection is, and say once what its user should know."""
 
-    def __init__(self, progress: Bar, spec: CollectionSpec, possible: Collection[GraspType]) -> None:
-        self._progress, self._spec, self._possible = progress, spec, possible
-        self._state, self._in_round, self._said = CollectionState.of(()), 0, set[str]()
+    def __init__(
+        self, progress: Bar, spec: CollectionSpec, cells: Sequence[Pair], possible: Collection[GraspType]
+    ) -> None:
+        self._progress, self._spec, self._cells, self._possible = progress, spec, cells, possible
+        self._state, self._in_round, self._said = CollectionState.of((), n_cells=len(cells)), 0, set[str]()
 
     def round(self, state: CollectionState) -> None:
         """Take what is written into account."""
@@ -191,7 +199,7 @@ class _Watch:
         if state.lost and not self._said:
             self._say(f"missing or changed shards are collected again: {', '.join(state.lost)}")
         for cell in state.rare(self._spec):
-            self._say(f"{cell_name(CELLS[cell])} hardly ever holds; --most-trials-per-cell gives such cells up")
+            self._say(f"{cell_name(self._cells[cell])} hardly ever holds; --most-trials-per-cell gives such cells up")
         self.trials(0)
 
     def trials(self, decided: int) -> None:
@@ -208,7 +216,7 @@ class _Watch:
     def _to_come(self) -> int:
         """Count the trials that whole rounds will still execute; of held grasps, as far as the rates so far tell."""
         spec, state = self._spec, self._state
-        cells = [cell for cell in state.unfinished(spec).tolist() if CELLS[cell][1] in self._possible]
+        cells = [cell for cell in state.unfinished(spec).tolist() if self._cells[cell][1] in self._possible]
         trials, held = state.trials[cells], state.held[cells]
         missing = np.maximum(spec.successes_per_cell - held, 0) * (trials + 2) / (held + 1)
         missing = np.maximum(missing, spec.trials_per_cell - trials)

@@ -228,6 +228,7 @@ class Evaluate:
     model: ModelName = "default"
     per_cell: int = 500
     """Trials for each object and grasp type."""
+    objects: console.Objects = ()
     protocol: ProtocolName = "paper"
     engine: EngineName = "mujoco"
     hand: OwnHand = None
@@ -255,7 +256,7 @@ class Evaluate:
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
         proposal = console.load_proposal(self.model, self.hand, self.prior)
         hand = executing_hand(proposal.hand, self.hand)
-        cells = console.possible_cells(proposal, hand, "evaluate")
+        cells = console.possible_cells(proposal, hand, "evaluate", self.objects)
         asked: dict[str, Any] = {"per_cell": self.per_cell, "seed": self.seed, "protocol": protocol, "hand": hand}
         asked |= {"engine": engine, "workers": self.workers, "out": self.out, "cells": cells}
         if sweeps:

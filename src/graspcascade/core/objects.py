@@ -218,7 +218,8 @@ class GraspObject:
         spelled = _SPELLING.fullmatch(self.name)
         if spelled and spelled["unit"] and spelled["kind"].lower() in SHAPES:
             said = _read_size(self.name)
-            if said.kind != self.shape.kind or not np.allclose(said.extents_m, self.extents_m, rtol=0.0, atol=1e-6):
+            apart = max(abs(one - other) for one, other in zip(said.extents_m, self.extents_m, strict=True))
+            if said.kind != self.shape.kind or apart > 1e-6:
                 raise InputError(f"an object named {name} is a {self.shape.spelling()}; give it another name")
 
     @property
@@ -327,6 +328,9 @@ def as_object(given: GraspObject | str) -> GraspObject:
     known = CATALOGUE.get(text.lower().replace("-", "_"))
     if known is not None:
         return known
+    if text.lower().partition(":")[0] == "any":
+        many = f"{shortened(text)!r} means objects of random size, which collections and evaluations draw"
+        raise InputError(f"{many}; give one object: {', '.join(CATALOGUE)} or a size: {_EXAMPLES}")
     if ":" not in text:
         raise InputError(f"{unknown('object', text, CATALOGUE)} Or a size: {_EXAMPLES}.")
     shape = _read_size(text)

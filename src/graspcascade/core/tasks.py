@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError, check_whole
+from .families import ObjectFamily
 from .objects import GraspObject, Site, as_object
 from .taxonomy import GraspType, as_type
 
@@ -90,7 +91,12 @@ class Tasks:
 
     def __getitem__(self, rows: Any) -> Tasks:
         """Select rows by slice, index array or mask."""
-        return Tasks(self.table, self.row[rows])
+        row = self.row[rows]
+        if len(self.table) <= len(row):
+            return Tasks(self.table, row)
+        # Of a long table, as of many objects, a few rows keep what is theirs.
+        places, row = np.unique(row, return_inverse=True)
+        return Tasks(tuple(self.table[place] for place in places.tolist()), row)
 
     def __iter__(self) -> Iterator[Task]:
         """Iterate over the tasks of the rows."""
@@ -125,10 +131,13 @@ class Tasks:
 
     def groups(self, key: Callable[[Task], Key]) -> Iterator[tuple[Key, NDArray[np.bool_]]]:
         """Iterate over the distinct values of a key, each with the flags ``(n,)`` of the rows that have it."""
-        keys = [key(task) for task in self.table]
-        used = {keys[place] for place in self.used}
-        for value in dict.fromkeys(key for key in keys if key in used):
-            yield value, np.isin(self.row, [place for place, other in enumerate(keys) if other == value])
+        numbers: dict[Key, int] = {}
+        table = [numbers.setdefault(key(task), len(numbers)) for task in self.table]
+        number = np.array(table, dtype=np.intp)[self.row]
+        used = set(number.tolist())
+        for value, place in numbers.items():
+            if place in used:
+                yield value, number == place
 
     grasp_type = _names(lambda task: task.grasp_type.name)
     """Names of the grasp types ``(n,)``."""
@@ -153,20 +162,32 @@ class Tasks:
 
 
 def draw_tasks(
-    cells: Sequence[tuple[GraspObject, GraspType]], n: int, reach_m: float, rng: np.random.Generator
+    cells: Sequence[tuple[GraspObject | ObjectFamily, GraspType]], n: int, reach_m: float, rng: np.random.Generator
 ) -> Tasks:
     """Make n tasks for each pair of object and type, the rows of a pair together, with sides drawn at random.
 
-    Sides are drawn, one number a row, among those no wider than `reach_m`; an object without any is an InputError.
+    Of a family, each row has an object of its own. Sides are drawn, one number a row, among those no wider than
+    `reach_m`; an object without any is an InputError. Objects are drawn after all of these numbers.
     """
     check_whole("n", n, most=_MOST_ROWS)
     share = rng.uniform(size=n * len(cells)).reshape(len(cells), n)
     table: list[Task] = []
     rows = []
     for (obj, kind), shares in zip(cells, share, strict=True):
+        if isinstance(obj, ObjectFamily):
+            drawn = zip(obj.draw(n, rng, reach_m), shares.tolist(), strict=True)
+            own = Tasks.of(_at_side(kind, each, number, reach_m) for each, number in drawn)
+            rows.append(len(table) + own.row)
+            table += own.table
+            continue
         sites = list(obj.sites(reach_m).values())
         if not sites:
             raise InputError(f"no side of {obj.name} is within the hand's reach of {reach_m * 100:g} cm")
         rows.append(len(table) + (shares * len(sites)).astype(np.intp))
         table += [Task(kind, obj, site) for site in sites]
     return Tasks(tuple(table), np.concatenate(rows) if rows else np.zeros(0, dtype=np.intp))
+
+
+def _at_side(kind: GraspType, obj: GraspObject, share: float, reach_m: float) -> Task:
+    sites = list(obj.sites(reach_m).values())
+    return Task(kind, obj, sites[int(share * len(sites))])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -24,9 +24,56 @@ HEURISTIC = "heuristic"
 """Name of the paper's heuristic among models, and stem of its evaluation's file."""
 
 
+@dataclass(frozen=True)
+class Placement:
+    """How far objects may be placed from where the paper's heuristic puts them.
+
+    Attributes:
+        offset_share: largest offset of the site's centre from the middle between the opposing places, along each body
+            axis across the site, as a share of the object's extent along it; up to 0.5.
+        tilt_rad: largest angle between the site's axis and the line between the opposing places, radians.
+
+    Raises:
+        InputError: a number out of bounds.
+    """
+
+    offset_share: float = 0.0
+    tilt_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, most in (("offset_share", 0.5), ("tilt_rad", np.pi / 2)):
+            if not 0.0 <= (value := getattr(self, name)) <= most:
+                raise InputError(f"{name} of a placement must be 0 to {most:.4g}, got {value}")
+
+    def draw(self, axes: Array, extents_m: Array, line: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw offsets in the body frame and tilts in the hand frame.
+
+        Offsets are even along each axis; tilts have an even angle, about an even direction across the line.
+
+        Args:
+            axes: ``(n, 3)`` axes of the sites in the body frame.
+            extents_m: ``(n, 3)`` extents of the objects along the body axes, metres.
+            line: ``(n, 3)`` unit directions from one opposing place to the other in the hand frame.
+            rng: source of the draws.
+
+        Returns:
+            Offsets ``(n, 3)``, metres, and rotations ``(n, 4)`` as quaternions wxyz.
+        """
+        offset = _across(rng.uniform(-self.offset_share, self.offset_share, axes.shape) * extents_m, axes)
+        angle = rng.uniform(0.0, self.tilt_rad, len(axes))
+        return offset, _turn(angle, _unit(_across(rng.normal(size=line.shape), line)))
+
+
+CENTRED, SPREAD = Placement(), Placement(1 / 3, np.deg2rad(15.0))
+"""Where the paper's heuristic places objects, and a third of the other extents and 15 degrees about it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Heuristic(Proposal):
     """Draw postures from the prior and place each object between the opposing contact places.
+
+    Attributes:
+        placement: how far from the middle between these places, and how oblique; by default not at all.
 
     Raises:
         InputError: the prior is of other joints than the hand.
@@ -35,6 +82,7 @@ class Heuristic(Proposal):
     source = name = HEURISTIC
     hand: Hand
     prior: PosturePrior
+    placement: Placement = CENTRED
 
     def __post_init__(self) -> None:
         self.prior.columns_of(self.hand)
@@ -58,18 +106,20 @@ class Heuristic(Proposal):
         return self.prior.sample(grasp_types, rng)[:, self.prior.columns_of(self.hand)]
 
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
-        return place(self.hand, self.postures(tasks.grasp_type, rng), tasks, rng)
+        return place(self.hand, self.postures(tasks.grasp_type, rng), tasks, rng, self.placement)
 
     def propose_any_side(  # noqa: D102 (inherited)
         self, obj: GraspObject, kind: GraspType, n: int, rng: np.random.Generator
     ) -> Grasps:
         # Postures are drawn before sides: the order in which published collections drew them.
         postures = self.postures(np.full(n, kind.name), rng)
-        return place(self.hand, postures, draw_tasks([(obj, kind)], n, self.hand.reach_m, rng), rng)
+        tasks = draw_tasks([(obj, kind)], n, self.hand.reach_m, rng)
+        return place(self.hand, postures, tasks, rng, self.placement)
 
     def describe(self) -> dict[str, Any]:
-        """Say for a record which prior postures are drawn from."""
-        return {"prior": self.prior.fingerprint()}
+        """Say for a record which prior postures are drawn from, and how objects are placed if not as in the paper."""
+        placed = {} if self.placement == CENTRED else {"placement": asdict(self.placement)}
+        return {"prior": self.prior.fingerprint()} | placed
 
     def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:  # noqa: D102 (inherited)
         return super().origin(kind, obj) | self.describe()
@@ -111,12 +161,12 @@ class Screened(Proposal):
 
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
         postures = self.heuristic.postures(tasks.grasp_type, rng)
-        grasps = place(self.hand, postures, tasks, rng)
+        grasps = place(self.hand, postures, tasks, rng, self.heuristic.placement)
         for _ in range(self.most_draws - 1):
             if not (wide := cannot_touch(self.hand, grasps)).any():
                 break
             postures[wide] = self.heuristic.postures(tasks.grasp_type[wide], rng)
-            grasps = place(self.hand, postures, tasks, rng)
+            grasps = place(self.hand, postures, tasks, rng, self.heuristic.placement)
         return grasps
 
     def notes(self, grasps: Grasps) -> tuple[str, ...]:
@@ -133,7 +183,9 @@ class Screened(Proposal):
         return super().origin(kind, obj) | self.describe()
 
 
-def place(hand: Hand, postures: ArrayLike, tasks: Tasks, rng: np.random.Generator) -> Grasps:
+def place(
+    hand: Hand, postures: ArrayLike, tasks: Tasks, rng: np.random.Generator, placement: Placement = CENTRED
+) -> Grasps:
     """Place each object between the opposing contact places of its posture.
 
     The site's centre goes to the middle of the opposition pair of the executed posture, and its axis along the line
@@ -143,7 +195,8 @@ def place(hand: Hand, postures: ArrayLike, tasks: Tasks, rng: np.random.Generato
         hand: the hand.
         postures: ``(n, J)`` radians.
         tasks: n tasks.
-        rng: draws the free angles; the same generator state gives the same grasps.
+        rng: draws the free angles, then what the placement asks for; the same generator state gives the same grasps.
+        placement: how far off the middle the site's centre may be, and how far its axis may tilt about the middle.
 
     Raises:
         InputError: lengths that differ, a side beyond the hand's reach, a site that is none of its object, or a hand
@@ -161,7 +214,12 @@ def place(hand: Hand, postures: ArrayLike, tasks: Tasks, rng: np.random.Generato
     turn = rng.uniform(0.0, 2 * np.pi, len(tasks))
     axes = tasks.column(lambda task: task.site.axis, np.float64).reshape(len(tasks), 3)
     centres = tasks.column(lambda task: task.site.centre_m, np.float64).reshape(len(tasks), 3)
-    pose = Pose((thumb + other) / 2, _align(axes, other - thumb, turn))
+    line = _unit(other - thumb)
+    pose = Pose((thumb + other) / 2, _align(axes, line, turn))
+    if placement != CENTRED:
+        extents = tasks.column(lambda task: task.object.extents_m, np.float64).reshape(len(tasks), 3)
+        offset, tilt = placement.draw(axes, extents, line, rng)
+        centres, pose = centres + offset, Pose(pose.position_m, canonical_quat(quat_multiply(tilt, pose.quat_wxyz)))
     if centres.any():
         pose = Pose(pose.apply(-centres), pose.quat_wxyz)
     return as_proposed(hand, tasks, postures, pose, hand.grasp_size(postures), np.full(len(tasks), np.nan))
@@ -188,11 +246,23 @@ def cannot_touch(hand: Hand, grasps: Grasps) -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(other - thumb, axis=-1) > grasps.side_m)
 
 
-def _align(axes: Array, direction: Array, turn: Array) -> Array:
-    """Rotate body axes ``(n, 3)`` onto directions by the smallest rotation, then turn about them."""
-    unit = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+def _align(axes: Array, unit: Array, turn: Array) -> Array:
+    """Rotate body axes ``(n, 3)`` onto unit directions by the smallest rotation, then turn about them."""
     # An axis has no sign (half-turns are symmetries), so the shorter of the two ways round is taken.
     body = np.where((axes * unit).sum(axis=-1, keepdims=True) < 0, -axes, axes)
     smallest = np.concatenate([1.0 + (body * unit).sum(axis=-1, keepdims=True), np.cross(body, unit)], axis=-1)
-    about = np.concatenate([np.cos(turn / 2)[:, None], np.sin(turn / 2)[:, None] * unit], axis=-1)
-    return canonical_quat(quat_multiply(about, canonical_quat(smallest)))
+    return canonical_quat(quat_multiply(_turn(turn, unit), canonical_quat(smallest)))
+
+
+def _turn(angle: Array, unit: Array) -> Array:
+    """Compute the quaternions ``(n, 4)`` of turns by angles ``(n,)`` about unit directions ``(n, 3)``."""
+    return np.concatenate([np.cos(angle / 2)[:, None], np.sin(angle / 2)[:, None] * unit], axis=-1)
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def _across(vectors: Array, unit: Array) -> Array:
+    """Remove from vectors ``(n, 3)`` their parts along unit directions."""
+    return np.asarray(vectors - (vectors * unit).sum(axis=-1, keepdims=True) * unit)

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import MAX_SEED, FileFormatError, InputError, check_whole
+from ..core.families import ObjectFamily
 from ..core.grasps import Grasps
 from ..core.machine import peak_rss_mb, versions
 from ..core.objects import GraspObject
 from ..core.outcomes import Outcomes
 from ..core.protocols import PAPER, Protocol, as_protocol
+from ..core.tasks import draw_tasks
 from ..core.taxonomy import GraspType
 from ..engines import Engine, as_engine
 from ..proposals.heuristic import Heuristic, cannot_touch
@@ -116,7 +118,7 @@ def collect(
     *,
     protocol: Protocol | str = PAPER,
     engine: Engine | str = "mujoco",
-    cells: Sequence[tuple[GraspObject | str, GraspType | str]] = CELLS,
+    cells: Sequence[tuple[GraspObject | ObjectFamily | str, GraspType | str]] = CELLS,
     workers: int = 1,
     progress: Callable[[CollectionState], None] | None = None,
     tick: Callable[[int], None] | None = None,
@@ -131,8 +133,8 @@ def collect(
         folder: made if needed.
         protocol: the trial, or its name.
         engine: what tries them, or the name of one that abridges the time under weight.
-        cells: pairs of object and type, or of their names; those of types that the proposal cannot make (see
-            `Proposal.grasp_types`) get no trials.
+        cells: pairs of object or family and type, or of their names; of a family every trial draws an object. Those
+            of types that the proposal cannot make (see `Proposal.grasp_types`) get no trials.
         workers: processes to try in, 0 for as many as processors; 1 stays in this one.
         progress: called at the start and after each round.
         tick: called within a round with the number of trials decided since the last call.
@@ -149,7 +151,7 @@ def collect(
         raise InputError(f"{hand.name} and the prior can make none of the types asked for. Possible types: {possible}.")
     engine = as_engine(engine).abridging(protocol) if isinstance(engine, str) else engine
     identity = setting_of(hand, protocol, engine, cells) | {
-        "prior": proposal.prior.fingerprint(),
+        **proposal.describe(),
         "creep_projection": engine.abridged,
         "screening": "candidates whose opposing places stay farther apart than the side is wide are skipped",
         "seed": spec.seed,
@@ -185,7 +187,8 @@ def collect(
             conditions = protocol.conditions(len(grasps), (spec.seed, number, _STREAM))
             outcomes = try_round(grasps, draw, hand, protocol, engine, conditions, workers=workers, progress=tick)
             entry = write_round(folder, number, grasps, outcomes, conditions) | {"screened_out": n_skipped}
-            shards[number : number + 1] = [entry | _count(cells, grasps, outcomes)]
+            cell = np.repeat(asked, spec.round_per_cell)
+            shards[number : number + 1] = [entry | _count(cell, grasps, outcomes, len(cells))]
             del lost[:1]
             # Kept apart from what the same seed gives again.
             spent = {"seconds": round(time.perf_counter() - begun, 3), "peak_rss_mb": round(peak_rss_mb(), 1)}
@@ -245,43 +248,77 @@ def draw_round(
         asked: indices of the `cells` to draw for.
         number: the round's.
         spec: rows of each cell, and the seed.
-        cells: pairs of object and type.
+        cells: pairs of object or family and type.
 
     Returns:
-        The candidates, `round_per_cell` for each cell, and how many were skipped.
+        The candidates, `round_per_cell` for each cell and those of a cell together, and how many were skipped. Of a
+        family, objects and sides are drawn first, and then postures for each until its digits can touch.
 
     Raises:
         InputError: hardly any candidate of a cell can touch (see `MOST_DRAWS_PER_TRIAL`).
     """
-    parts, skipped = [], 0
+    drawn = []
     for cell in asked:
         obj, kind = cells[cell]
-        rng = np.random.default_rng([spec.seed, number, int(cell)])
-        missing, n_drawn = spec.round_per_cell, 0
-        while missing > 0:
-            if n_drawn >= MOST_DRAWS_PER_TRIAL * spec.round_per_cell:
-                raise InputError(
-                    f"only {spec.round_per_cell - missing} of {n_drawn} {kind.name} candidates for {obj.name} can "
-                    "touch it, as their opposing places are farther apart than its sides are wide; "
-                    f"give a prior whose {kind.name} postures are narrower"
-                )
-            drawn = proposal.propose_any_side(obj, kind, 2 * missing, rng)
-            n_drawn += len(drawn)
-            hopeless = cannot_touch(proposal.hand, drawn)
-            useful = np.flatnonzero(~hopeless)[:missing]
-            # Draws beyond the last one taken were not looked at and do not count as skipped.
-            seen = len(drawn) if len(useful) < missing else int(useful[-1]) + 1
-            skipped += int(hopeless[:seen].sum())
-            parts.append(drawn[useful])
-            missing -= len(useful)
+        n, rng = spec.round_per_cell, np.random.default_rng([spec.seed, number, int(cell)])
+        if isinstance(obj, ObjectFamily):
+            drawn.append(_of_family(proposal, obj, kind, n, rng))
+        else:
+            drawn.append(_of_object(proposal, obj, kind, n, rng))
+    return Grasps.concatenate([grasps for grasps, _ in drawn]), sum(skipped for _, skipped in drawn)
+
+
+def _of_object(
+    proposal: Heuristic, obj: GraspObject, kind: GraspType, n: int, rng: np.random.Generator
+) -> tuple[Grasps, int]:
+    parts, skipped, missing, n_drawn = [], 0, n, 0
+    while missing > 0:
+        _check_hope(obj, kind, n, missing, n_drawn)
+        drawn = proposal.propose_any_side(obj, kind, 2 * missing, rng)
+        n_drawn += len(drawn)
+        hopeless = cannot_touch(proposal.hand, drawn)
+        useful = np.flatnonzero(~hopeless)[:missing]
+        # Draws beyond the last one taken were not looked at and do not count as skipped.
+        seen = len(drawn) if len(useful) < missing else int(useful[-1]) + 1
+        skipped += int(hopeless[:seen].sum())
+        parts.append(drawn[useful])
+        missing -= len(useful)
     return Grasps.concatenate(parts), skipped
 
 
-def _count(cells: Sequence[Pair], grasps: Grasps, outcomes: Outcomes) -> dict[str, list[int]]:
-    places = {(obj.name, kind.name): place for place, (obj, kind) in enumerate(cells)}
-    cell = grasps.tasks.column(lambda task: places[task.cell], np.intp)
+def _of_family(
+    proposal: Heuristic, family: ObjectFamily, kind: GraspType, n: int, rng: np.random.Generator
+) -> tuple[Grasps, int]:
+    # Were objects drawn again with the postures, large ones, which more postures can touch, would be tried more often.
+    tasks = draw_tasks([(family, kind)], n, proposal.hand.reach_m, rng)
+    parts, rows, skipped, missing, n_drawn = [], [], 0, np.arange(n), 0
+    while missing.size:
+        _check_hope(family, kind, n, len(missing), n_drawn)
+        tries = -(-n // len(missing))
+        drawn = proposal.propose(tasks[np.repeat(missing, tries)], rng)
+        n_drawn += len(drawn)
+        useful = ~cannot_touch(proposal.hand, drawn).reshape(-1, tries)
+        first, done = useful.argmax(axis=1), useful.any(axis=1)
+        skipped += int(np.where(done, first, tries).sum())
+        parts.append(drawn[np.flatnonzero(done) * tries + first[done]])
+        rows.append(missing[done])
+        missing = missing[~done]
+    return Grasps.concatenate(parts)[np.argsort(np.concatenate(rows))], skipped
+
+
+def _check_hope(obj: GraspObject | ObjectFamily, kind: GraspType, n: int, missing: int, n_drawn: int) -> None:
+    if n_drawn >= MOST_DRAWS_PER_TRIAL * n:
+        raise InputError(
+            f"only {n - missing} of {n_drawn} {kind.name} candidates for {obj.name} can "
+            "touch it, as their opposing places are farther apart than its sides are wide; "
+            f"give a prior whose {kind.name} postures are narrower"
+        )
+
+
+def _count(cell: NDArray[np.int64], grasps: Grasps, outcomes: Outcomes, n_cells: int) -> dict[str, list[int]]:
+    """Count, for each cell, rows of which `cell` ``(n,)`` has the numbers."""
     rows = {"trials": np.full(len(grasps), True), "held": outcomes.held, "faithful": outcomes.faithful(grasps)}
-    return {name: np.bincount(cell[chosen], minlength=len(cells)).tolist() for name, chosen in rows.items()}
+    return {name: np.bincount(cell[chosen], minlength=n_cells).tolist() for name, chosen in rows.items()}
 
 
 def _totals(cells: Sequence[Pair], shards: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -36,6 +36,8 @@ _GRASP_NUMBERS = ("side_m", "grasp_size_m")
 _OUTCOME_NUMBERS = ("object_size_m", "displacement_m", "turn_rad", "duration_s")
 _FARTHEST_M, _UNIT_TOLERANCE = 1.0, 1e-3
 """An object farther from the hand, or a quaternion whose length differs more from 1, is of no grasp."""
+_UNUSUAL = ("cells", "families", "placement")
+"""Entries that metadata has only where they are not as usual."""
 _WORDS = {"model_metadata": "training of the model", "hand_fingerprint": "hand file", "pregrasp_rad": "open hand"}
 """What entries of the metadata are called in messages, where not by their keys."""
 
@@ -279,7 +281,8 @@ def open_folder(
         is_new = not path.exists()
         if not is_new:
             metadata = read_metadata(folder)
-            if differing := [key for key, value in identity.items() if metadata.get(key) != value]:
+            said = dict.fromkeys([*identity, *_UNUSUAL])
+            if differing := [key for key in said if metadata.get(key) != identity.get(key)]:
                 words = ", ".join(_WORDS.get(key, key.replace("_", " ")) for key in differing)
                 raise InputError(
                     f"{folder} holds rounds with another {words}; "

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from ..core.errors import MAX_SEED, FileFormatError, InputError, check_whole
+from ..core.families import ObjectFamily
 from ..core.grasps import Grasps
 from ..core.machine import versions
 from ..core.objects import GraspObject
@@ -51,7 +52,7 @@ def evaluate(
     workers: int = 1,
     out: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
-    cells: Sequence[tuple[GraspObject | str, GraspType | str]] = CELLS,
+    cells: Sequence[tuple[GraspObject | ObjectFamily | str, GraspType | str]] = CELLS,
     name: str | None = None,
     metadata: Mapping[str, Any] | None = None,
 ) -> Evaluation:
@@ -72,7 +73,7 @@ def evaluate(
             `evaluation.json`; the same call goes on where an earlier one was cut off, and executes rounds whose rows
             were lost since again. None keeps nothing.
         progress: called with trials done and trials in all.
-        cells: pairs of object and grasp type, or of their names.
+        cells: pairs of object or family and grasp type, or of their names; of a family every trial draws an object.
         name: what the numbers are quoted under; by default the proposal's name.
         metadata: JSON-able facts of the model, recorded with the numbers; by default the proposal's.
 

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import InputError
+from ..core.families import ObjectFamily, read_objects
 from ..core.grasps import Grasps
-from ..core.objects import CATALOGUE, GraspObject, as_object
+from ..core.objects import CATALOGUE, GraspObject
 from ..core.outcomes import Outcomes
 from ..core.protocols import Conditions, Protocol
 from ..core.taxonomy import GRASP_TYPES, GraspType, as_type
@@ -18,7 +19,7 @@ from ..engines import Engine
 from ..hands import Hand
 from .executor import run_jobs, worker_count
 
-Pair = tuple[GraspObject, GraspType]
+Pair = tuple[GraspObject | ObjectFamily, GraspType]
 CELLS: tuple[Pair, ...] = tuple((obj, kind) for obj in CATALOGUE.values() for kind in GRASP_TYPES.values())
 """Every catalogue object with every grasp type: what collections fill and evaluations count."""
 
@@ -26,18 +27,18 @@ Draw = Callable[[], Grasps]
 """Draws the grasps of one round: a pure function of its own fields, so that every process draws the same."""
 
 
-def as_cells(pairs: Iterable[tuple[GraspObject | str, GraspType | str]]) -> tuple[Pair, ...]:
-    """Read pairs of an object and a type, or of their names; an InputError names the nearest to an unknown one."""
-    return tuple((as_object(obj), as_type(kind)) for obj, kind in pairs)
+def as_cells(pairs: Iterable[tuple[GraspObject | ObjectFamily | str, GraspType | str]]) -> tuple[Pair, ...]:
+    """Read pairs of an object or family (see `read_objects`) and a type; an InputError tells of an unknown name."""
+    return tuple((obj, as_type(kind)) for given, kind in pairs for obj in read_objects(given))
 
 
 def cell_name(pair: Pair) -> str:
-    """Name an object and a type for a message."""
+    """Name an object or family and a type for a message."""
     return f"{pair[0].name}/{pair[1].name}"
 
 
 def objects_of(cells: Sequence[Pair]) -> dict[str, dict[str, Any]]:
-    """Describe the objects of cells by name, as metadata carries them.
+    """Describe the objects of cells by name and, where there are any, the families, as metadata carries them.
 
     Raises:
         InputError: there is no cell, one is there twice, or two different objects have one name.
@@ -45,7 +46,9 @@ def objects_of(cells: Sequence[Pair]) -> dict[str, dict[str, Any]]:
     named = {obj.name: obj for obj, _ in cells}
     if not cells or len(set(cells)) < len(cells) or any(named[obj.name] != obj for obj, _ in cells):
         raise InputError("at least one cell is needed, each object and type once, and each object with its own name")
-    return {name: obj.to_json() for name, obj in named.items()}
+    families = {name: obj.to_json() for name, obj in named.items() if isinstance(obj, ObjectFamily)}
+    objects = {name: obj.to_json() for name, obj in named.items() if name not in families}
+    return {"objects": objects} | ({"families": families} if families else {})
 
 
 def setting_of(hand: Hand, protocol: Protocol, engine: Engine, cells: Sequence[Pair]) -> dict[str, Any]:
@@ -62,7 +65,7 @@ def setting_of(hand: Hand, protocol: Protocol, engine: Engine, cells: Sequence[P
         "digits": list(hand.digits),
         "protocol": protocol.to_json(),
         "engine": engine.name,
-        "objects": objects_of(cells),
+        **objects_of(cells),
     }
 
 
