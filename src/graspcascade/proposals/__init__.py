@@ -29,6 +29,8 @@ class Proposal(ABC):
     """
 
     source: ClassVar[str] = "own"
+    screening: ClassVar[str] = "none"
+    """What `hopeless` does, for a record."""
     name: str
     hand: Hand
 
@@ -86,6 +88,10 @@ class Proposal(ABC):
             return self.propose_any_side(target, kind, n, rng)
         site = target.site(side, self.hand.reach_m) if isinstance(side, str) else side
         return self.propose(Tasks.repeat(Task(kind, target, site), n), rng)
+
+    def hopeless(self, grasps: Grasps) -> NDArray[np.bool_]:
+        """Tell which of its grasps ``(n,)`` a collection need not try; here none."""
+        return np.zeros(len(grasps), dtype=bool)
 
     def notes(self, grasps: Grasps) -> tuple[str, ...]:
         """Say what a user should be told of grasps that it drew; here nothing."""

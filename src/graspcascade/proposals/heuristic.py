@@ -80,6 +80,7 @@ class Heuristic(Proposal):
     """
 
     source = name = HEURISTIC
+    screening = "candidates whose opposing places stay farther apart than the side is wide are skipped"
     hand: Hand
     prior: PosturePrior
     placement: Placement = CENTRED
@@ -115,6 +116,10 @@ class Heuristic(Proposal):
         postures = self.postures(np.full(n, kind.name), rng)
         tasks = draw_tasks([(obj, kind)], n, self.hand.reach_m, rng)
         return place(self.hand, postures, tasks, rng, self.placement)
+
+    def hopeless(self, grasps: Grasps) -> NDArray[np.bool_]:
+        """Tell which grasps ``(n,)`` cannot touch their object (see `cannot_touch`)."""
+        return cannot_touch(self.hand, grasps)
 
     def describe(self) -> dict[str, Any]:
         """Say for a record which prior postures are drawn from, and how objects are placed if not as in the paper."""

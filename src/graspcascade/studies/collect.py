@@ -23,7 +23,7 @@ from ..core.protocols import PAPER, Protocol, as_protocol
 from ..core.tasks import draw_tasks
 from ..core.taxonomy import GraspType
 from ..engines import Engine, as_engine
-from ..proposals.heuristic import Heuristic, cannot_touch
+from ..proposals import Proposal
 from .dataset import METADATA_FILE, Shard, Whole, check_record, is_intact, open_folder, write_metadata, write_round
 from .rounds import CELLS, Pair, as_cells, setting_of, try_round
 
@@ -112,7 +112,7 @@ class CollectionState:
 
 
 def collect(
-    proposal: Heuristic,
+    proposal: Proposal,
     spec: CollectionSpec,
     folder: Path | str,
     *,
@@ -141,8 +141,7 @@ def collect(
 
     Raises:
         InputError: the folder holds a collection with other arguments, or something else, or another process is
-            collecting into it; or none of the types can be made, or the prior's postures can hardly touch
-            an object.
+            collecting into it; or none of the types can be made, or hardly any candidate is worth a trial.
         FileFormatError: the metadata of its collection cannot be read.
     """
     folder, hand, cells, protocol = Path(folder), proposal.hand, as_cells(cells), as_protocol(protocol)
@@ -153,7 +152,7 @@ def collect(
     identity = setting_of(hand, protocol, engine, cells) | {
         **proposal.describe(),
         "creep_projection": engine.abridged,
-        "screening": "candidates whose opposing places stay farther apart than the side is wide are skipped",
+        "screening": proposal.screening,
         "seed": spec.seed,
         "round_per_cell": spec.round_per_cell,
         # The shards' bytes are pyarrow's.
@@ -223,7 +222,7 @@ def _check(metadata: Mapping[str, Any], path: Path, n_cells: int) -> None:
 class CollectionRound:
     """Draw one round of a collection (see `draw_round`)."""
 
-    proposal: Heuristic
+    proposal: Proposal
     asked: tuple[int, ...]
     number: int
     spec: CollectionSpec
@@ -239,9 +238,9 @@ class CollectionRound:
 
 
 def draw_round(
-    proposal: Heuristic, asked: Sequence[int], number: int, spec: CollectionSpec, cells: Sequence[Pair] = CELLS
+    proposal: Proposal, asked: Sequence[int], number: int, spec: CollectionSpec, cells: Sequence[Pair] = CELLS
 ) -> tuple[Grasps, int]:
-    """Draw one round's candidates, skipping those that cannot touch.
+    """Draw one round's candidates, skipping those that are not worth a trial (see `Proposal.hopeless`).
 
     Args:
         proposal: where candidates come from.
@@ -252,10 +251,10 @@ def draw_round(
 
     Returns:
         The candidates, `round_per_cell` for each cell and those of a cell together, and how many were skipped. Of a
-        family, objects and sides are drawn first, and then postures for each until its digits can touch.
+        family, objects and sides are drawn first, and then grasps for each until one is worth a trial.
 
     Raises:
-        InputError: hardly any candidate of a cell can touch (see `MOST_DRAWS_PER_TRIAL`).
+        InputError: hardly any candidate of a cell is worth a trial (see `MOST_DRAWS_PER_TRIAL`).
     """
     drawn = []
     for cell in asked:
@@ -269,14 +268,14 @@ def draw_round(
 
 
 def _of_object(
-    proposal: Heuristic, obj: GraspObject, kind: GraspType, n: int, rng: np.random.Generator
+    proposal: Proposal, obj: GraspObject, kind: GraspType, n: int, rng: np.random.Generator
 ) -> tuple[Grasps, int]:
     parts, skipped, missing, n_drawn = [], 0, n, 0
     while missing > 0:
-        _check_hope(obj, kind, n, missing, n_drawn)
+        _check_hope(proposal, (obj, kind), n, missing, n_drawn)
         drawn = proposal.propose_any_side(obj, kind, 2 * missing, rng)
         n_drawn += len(drawn)
-        hopeless = cannot_touch(proposal.hand, drawn)
+        hopeless = proposal.hopeless(drawn)
         useful = np.flatnonzero(~hopeless)[:missing]
         # Draws beyond the last one taken were not looked at and do not count as skipped.
         seen = len(drawn) if len(useful) < missing else int(useful[-1]) + 1
@@ -287,17 +286,17 @@ def _of_object(
 
 
 def _of_family(
-    proposal: Heuristic, family: ObjectFamily, kind: GraspType, n: int, rng: np.random.Generator
+    proposal: Proposal, family: ObjectFamily, kind: GraspType, n: int, rng: np.random.Generator
 ) -> tuple[Grasps, int]:
-    # Were objects drawn again with the postures, large ones, which more postures can touch, would be tried more often.
+    # Were objects drawn again too, those that are easily held would be tried more often.
     tasks = draw_tasks([(family, kind)], n, proposal.hand.reach_m, rng)
     parts, rows, skipped, missing, n_drawn = [], [], 0, np.arange(n), 0
     while missing.size:
-        _check_hope(family, kind, n, len(missing), n_drawn)
+        _check_hope(proposal, (family, kind), n, len(missing), n_drawn)
         tries = -(-n // len(missing))
         drawn = proposal.propose(tasks[np.repeat(missing, tries)], rng)
         n_drawn += len(drawn)
-        useful = ~cannot_touch(proposal.hand, drawn).reshape(-1, tries)
+        useful = ~proposal.hopeless(drawn).reshape(-1, tries)
         first, done = useful.argmax(axis=1), useful.any(axis=1)
         skipped += int(np.where(done, first, tries).sum())
         parts.append(drawn[np.flatnonzero(done) * tries + first[done]])
@@ -306,12 +305,12 @@ def _of_family(
     return Grasps.concatenate(parts)[np.argsort(np.concatenate(rows))], skipped
 
 
-def _check_hope(obj: GraspObject | ObjectFamily, kind: GraspType, n: int, missing: int, n_drawn: int) -> None:
+def _check_hope(proposal: Proposal, pair: Pair, n: int, missing: int, n_drawn: int) -> None:
     if n_drawn >= MOST_DRAWS_PER_TRIAL * n:
+        obj, kind = pair
         raise InputError(
-            f"only {n - missing} of {n_drawn} {kind.name} candidates for {obj.name} can "
-            "touch it, as their opposing places are farther apart than its sides are wide; "
-            f"give a prior whose {kind.name} postures are narrower"
+            f"only {n - missing} of {n_drawn} {kind.name} candidates for {obj.name} are worth a trial "
+            f"({proposal.screening}); give a prior or a model whose {kind.name} grasps fit it"
         )
 
 

@@ -1,0 +1,159 @@
+"""Proposals that a scorer looks at: likely grasps for users, and grasps worth trying for the next collection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError, check_whole
+from ..core.grasps import Grasps
+from ..core.objects import GraspObject
+from ..core.poses import Pose, canonical_quat, quat_multiply
+from ..core.protocols import HOLD, Conditions
+from ..core.tasks import Tasks
+from ..core.taxonomy import GraspType
+from ..hands.hand import Hand
+from . import Proposal
+from .scorer import Scorer
+
+Array = NDArray[np.float64]
+
+
+class _Scored(Proposal):
+    """A proposal that hands on another's hand, types and objects."""
+
+    proposal: Proposal
+    scorer: Scorer
+
+    @property
+    def hand(self) -> Hand:  # type: ignore[override]
+        """Hand that the grasps are for."""
+        return self.proposal.hand
+
+    @property
+    def grasp_types(self) -> tuple[GraspType, ...]:
+        """Grasp types that are proposed and that the scorer knows."""
+        known = self.scorer.view.grasp_types
+        return tuple(kind for kind in self.proposal.grasp_types if kind.name in known)
+
+    @property
+    def objects(self) -> tuple[GraspObject, ...]:
+        """Objects that the proposal is usually tried on."""
+        return self.proposal.objects
+
+
+@dataclass(frozen=True, eq=False)
+class Ranked(_Scored):
+    """Draw each grasp again until its chance of success is good enough.
+
+    So grasps are spread as those of the proposal that are good enough, and do not collapse to the likeliest. A grasp
+    for which no draw is good enough is the best of its draws; its probability says so.
+
+    Attributes:
+        proposal: where grasps come from.
+        scorer: estimates their chances.
+        good_enough: chance at which a grasp is taken.
+        most_draws: draws of one grasp.
+        friction: sliding friction that is assumed.
+        gain_factor: factor on the actuators' own gains that is assumed.
+
+    Raises:
+        InputError: a number out of range.
+    """
+
+    proposal: Proposal
+    scorer: Scorer
+    good_enough: float = 0.9
+    most_draws: int = 8
+    friction: float = HOLD.physics.friction
+    gain_factor: float = HOLD.physics.gain_factor
+    name: str = "ranked"
+
+    source = "cascade"
+
+    def __post_init__(self) -> None:
+        check_whole("most_draws", self.most_draws, 1)
+        if not 0.0 <= self.good_enough <= 1.0:
+            raise InputError(f"good_enough must be 0 to 1, got {self.good_enough}")
+        self._conditions(1)
+
+    def _conditions(self, n: int) -> Conditions:
+        return Conditions.of(HOLD.physics, n, friction=self.friction, gain_factor=self.gain_factor)
+
+    def chances(self, grasps: Grasps) -> Array:
+        """Estimate the chances ``(n,)`` that grasps hold as their type asks, wherever they come from."""
+        return self.scorer.chances(grasps, self._conditions(len(grasps))).faithful
+
+    def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
+        grasps = self.proposal.propose(tasks, rng)
+        columns = grasps.columns() | {"probability": self.chances(grasps)}
+        for _ in range(self.most_draws - 1):
+            poor = np.flatnonzero(columns["probability"] < self.good_enough)
+            if not poor.size:
+                break
+            again = self.proposal.propose(tasks[poor], rng)
+            drawn = again.columns() | {"probability": self.chances(again)}
+            better = drawn["probability"] > columns["probability"][poor]
+            for name, column in columns.items():
+                column[poor[better]] = drawn[name][better]
+        return Grasps.from_columns(grasps.hand, grasps.joint_names, tasks, columns)
+
+    def describe(self) -> dict[str, Any]:
+        """Say for a record what is drawn from, and what is good enough."""
+        rule = {name: getattr(self, name) for name in ("good_enough", "most_draws", "friction", "gain_factor")}
+        return self.proposal.describe() | {"scorer": self.scorer.fingerprint(), "ranking": rule}
+
+    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:  # noqa: D102 (inherited)
+        return self.proposal.origin(kind, obj) | {"scorer": self.scorer.fingerprint()}
+
+
+@dataclass(frozen=True, eq=False)
+class Explored(_Scored):
+    """Disturb grasps so that a collection learns what lies beside them, leaving out what the scorer gives no chance.
+
+    Attributes:
+        proposal: where grasps come from.
+        scorer: estimates their chances.
+        posture_sd_rad: disturbance of each joint's angle, a standard deviation, radians.
+        position_sd_m: that of the object's position along each axis, metres.
+        rotation_sd_rad: that of the angle about each axis by which the object is turned, radians.
+        least_chance: grasps of which the scorer expects less are not worth a trial.
+    """
+
+    proposal: Proposal
+    scorer: Scorer
+    posture_sd_rad: float = 0.05
+    position_sd_m: float = 0.003
+    rotation_sd_rad: float = 0.1
+    least_chance: float = 0.3
+    name: str = "explored"
+
+    screening = "candidates to which a scorer gives little chance are skipped"
+
+    def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
+        grasps, n = self.proposal.propose(tasks, rng), len(tasks)
+        posture = grasps.posture + self.posture_sd_rad * rng.standard_normal(grasps.posture.shape)
+        position = grasps.X_hand_object.position_m + self.position_sd_m * rng.standard_normal((n, 3))
+        # Small turns about the three axes make, to first order, a turn about their sum.
+        turn = 0.5 * self.rotation_sd_rad * rng.standard_normal((n, 3))
+        turned = quat_multiply(np.concatenate([np.ones((n, 1)), turn], axis=1), grasps.X_hand_object.quat_wxyz)
+        posture = self.hand.executed(posture)
+        return replace(
+            grasps,
+            posture=posture,
+            X_hand_object=Pose(position, canonical_quat(turned / np.linalg.norm(turned, axis=1, keepdims=True))),
+            grasp_size_m=self.hand.tip_distance(posture),
+        )
+
+    def hopeless(self, grasps: Grasps) -> NDArray[np.bool_]:
+        """Tell to which grasps ``(n,)`` the scorer gives less than the least chance, under what `varied` draws."""
+        return np.asarray(self.scorer.chances(grasps).faithful < self.least_chance)
+
+    def describe(self) -> dict[str, Any]:
+        """Say for a record what is disturbed, and how."""
+        names = ("posture_sd_rad", "position_sd_m", "rotation_sd_rad", "least_chance")
+        noise = {name: getattr(self, name) for name in names}
+        return self.proposal.describe() | {"scorer": self.scorer.fingerprint(), "noise": noise}
