@@ -263,6 +263,16 @@ def test_contact_places_lie_on_the_surface_with_outward_unit_normals(model: Any,
     assert inward < -0.0005 < 0.0005 < outward
 
 
+@pytest.mark.parametrize("name", HAND.surface_points)
+def test_surface_points_lie_on_the_surface(model: Any, name: str) -> None:
+    body, point = HAND.surface_points[name]
+    if body == "palm":
+        boxes = [g for g in range(model.ngeom) if model.body(model.geom_bodyid[g]).name == body]
+        assert len(boxes) > 1, "the palm is made of several shapes, from which a ray was cast"
+    else:
+        assert abs(signed_distance(model, body, np.array(point))) < 0.0005
+
+
 @pytest.mark.parametrize("digit", DIGITS)
 def test_grasp_size_is_measured_between_points_inside_the_rounded_tips(model: Any, digit: str) -> None:
     body, point = HAND.digits[digit].tip_body, HAND.digits[digit].tip_m

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from itertools import product
@@ -122,6 +122,29 @@ def load_dataset(folder: Path | str) -> Dataset:
     columns = {name: np.concatenate([part[name] for part in parts]) for name in shared}
     grasps, outcomes, conditions = from_columns(columns, metadata)
     return Dataset(grasps, outcomes, metadata, conditions)
+
+
+def join(datasets: Sequence[Dataset]) -> Dataset:
+    """Join datasets of one hand; the metadata is that of the first, with all shards' checksums.
+
+    Raises:
+        InputError: no datasets, or they differ in hand, its file or taxonomy.
+    """
+    if not datasets:
+        raise InputError("there are no datasets to join")
+    first, *others = datasets
+    for key in ("hand", "joint_names", "hand_fingerprint", "taxonomy"):
+        if any(each.metadata.get(key) != first.metadata.get(key) for each in others):
+            raise InputError(f"datasets of another {_WORDS.get(key, key.replace('_', ' '))} cannot be joined")
+    conditions = [each.conditions for each in datasets if each.conditions is not None]
+    columns = {part.name: [getattr(about, part.name) for about in conditions] for part in fields(Conditions)}
+    joined = {name: np.concatenate(parts) for name, parts in columns.items()} if conditions else {}
+    return Dataset(
+        Grasps.concatenate([each.grasps for each in datasets]),
+        Outcomes.concatenate([each.outcomes for each in datasets]),
+        first.metadata | {"shards": [shard for each in datasets for shard in each.metadata["shards"]]},
+        Conditions(**joined) if len(conditions) == len(datasets) else None,
+    )
 
 
 def _read_shard(path: Path, sha256: str) -> Columns:
