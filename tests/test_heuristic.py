@@ -351,6 +351,15 @@ def test_a_spread_changes_places_alone(hand: Hand, prior: PosturePrior) -> None:
     np.testing.assert_allclose(angle, measure(hand, spread)[1], atol=1e-6)
 
 
+@pytest.mark.parametrize("most_draws", [1, 200])
+def test_a_screened_heuristic_spreads_objects_too(hand: Hand, prior: PosturePrior, most_draws: int) -> None:
+    tasks = Tasks.repeat(Task.of("tripod", "box_small", "x"), 50)
+    screened = Screened(Heuristic(hand, prior, SPREAD), most_draws)
+    offset, tilt, _, _ = measure(hand, screened.propose(tasks, np.random.default_rng(0)))
+    assert (np.abs(offset[:, 1:]) > 0).all()
+    assert tilt.min() > 0
+
+
 def test_records_say_how_objects_were_spread(hand: Hand, prior: PosturePrior) -> None:
     spread = Heuristic(hand, prior, Placement(0.25, 0.1))
     placement = {"offset_share": 0.25, "tilt_rad": 0.1}
