@@ -15,7 +15,7 @@ from tyro.conf import arg
 from ..core.errors import InputError
 from ..core.files import write_folder_staged
 from ..core.protocols import as_protocol
-from ..core.taxonomy import GRASP_TYPES, GraspType
+from ..core.taxonomy import GRASP_TYPES
 from ..engines import as_engine
 from ..hands import Hand, load_hand
 from ..nets import EpochRecord, TrainingSpec
@@ -152,20 +152,22 @@ class Collect:
         proposal = Heuristic(load_hand(self.hand), console.load_prior(self.prior))
         console.possible_cells(proposal, proposal.hand, "collect")
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
+        cells = tuple((obj, proposal.prior.types[kind.name]) for obj, kind in CELLS)
         with console.bar("trials") as progress:
-            watch = _Watch(progress, self.spec, proposal.grasp_types)
+            watch = _Watch(progress, self.spec, {kind.name for kind in proposal.grasp_types})
             state = collect(
                 proposal,
                 self.spec,
                 self.out,
                 protocol=protocol,
                 engine=engine if self.full else engine.abridging(protocol),
+                cells=cells,
                 workers=self.workers,
                 progress=watch.round,
                 tick=watch.trials,
             )
         trials, held, faithful = (int(counts.sum()) for counts in (state.trials, state.held, state.faithful))
-        short = [cell for cell in state.short(self.spec).tolist() if CELLS[cell][1] in proposal.grasp_types]
+        short = [cell for cell in state.short(self.spec).tolist() if cells[cell][1] in proposal.grasp_types]
         if self.json:
             counts = {"trials": trials, "held": held, "faithful": faithful, "cells_given_up": len(short)}
             facts = {"out": str(self.out), "protocol": protocol.name, "rounds": state.rounds, **counts}
@@ -181,7 +183,7 @@ class Collect:
 class _Watch:
     """Show how far a collection is, and say once what its user should know."""
 
-    def __init__(self, progress: Bar, spec: CollectionSpec, possible: Collection[GraspType]) -> None:
+    def __init__(self, progress: Bar, spec: CollectionSpec, possible: Collection[str]) -> None:
         self._progress, self._spec, self._possible = progress, spec, possible
         self._state, self._in_round, self._said = CollectionState.of(()), 0, set[str]()
 
@@ -208,7 +210,7 @@ class _Watch:
     def _to_come(self) -> int:
         """Count the trials that whole rounds will still execute; of held grasps, as far as the rates so far tell."""
         spec, state = self._spec, self._state
-        cells = [cell for cell in state.unfinished(spec).tolist() if CELLS[cell][1] in self._possible]
+        cells = [cell for cell in state.unfinished(spec).tolist() if CELLS[cell][1].name in self._possible]
         trials, held = state.trials[cells], state.held[cells]
         missing = np.maximum(spec.successes_per_cell - held, 0) * (trials + 2) / (held + 1)
         missing = np.maximum(missing, spec.trials_per_cell - trials)

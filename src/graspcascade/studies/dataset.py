@@ -170,7 +170,8 @@ def from_columns(
 
     Args:
         columns: of one or more shards.
-        about: the dataset's metadata: hand, joint names, pregrasp, digits, and objects that are not spelled by size.
+        about: the dataset's metadata: hand, joint names, pregrasp, digits, taxonomy of the types, and objects that are
+            not spelled by size.
 
     Raises:
         FileFormatError: a column is missing or holds a value that cannot be, or a row names a task that cannot be.
@@ -184,7 +185,7 @@ def from_columns(
         types, objects, axes = (columns[name] for name in ("grasp_type", "object_label", "side_axis"))
         numbers = {name: np.asarray(columns[name], dtype=np.float64) for name in (*_GRASP_NUMBERS, *_OUTCOME_NUMBERS)}
         posture = gather(columns, "posture", joint_names)
-        tasks = read_tasks(types, objects, axes, about.get("objects", {}))
+        tasks = read_tasks(types, objects, axes, about)
         check_widths(tasks, numbers["side_m"])
         grasps = Grasps(
             hand=str(about.get("hand", "")),
@@ -228,7 +229,7 @@ def _check_values(columns: Mapping[str, NDArray[Any]], joint_names: tuple[str, .
     for when, digit in product(("closed", "end"), digits):
         if (name := f"areas_{when}_{digit}") in columns:
             known = (columns[name] >= 0) & (columns[name] < 1 << len(AREAS))
-            right[name] = known & ((columns[name] != 0) == columns[f"touch_{when}_{digit}"])
+            right[name] = known & ((columns[name] == 0) | columns[f"touch_{when}_{digit}"])
     pose = gather_pose(columns, "object")
     within = np.abs(pose.position_m) < _FARTHEST_M
     right |= {f"object_{axis}_m": within[:, place] for place, axis in enumerate(AXES)}
@@ -279,7 +280,9 @@ def open_folder(
         is_new = not path.exists()
         if not is_new:
             metadata = read_metadata(folder)
-            if differing := [key for key, value in identity.items() if metadata.get(key) != value]:
+            # What only metadata of other taxonomies than the paper's say is compared in any case.
+            keys = dict.fromkeys([*identity, "taxonomy"])
+            if differing := [key for key in keys if metadata.get(key) != identity.get(key)]:
                 words = ", ".join(_WORDS.get(key, key.replace("_", " ")) for key in differing)
                 raise InputError(
                     f"{folder} holds rounds with another {words}; "

@@ -13,7 +13,8 @@ from ..core.grasps import Grasps
 from ..core.objects import CATALOGUE, GraspObject, as_object
 from ..core.outcomes import Outcomes
 from ..core.protocols import Conditions, Protocol
-from ..core.taxonomy import GRASP_TYPES, GraspType, as_type
+from ..core.records import taxonomy_to_json
+from ..core.taxonomy import GRASP_TYPES, GraspType, as_type, taxonomy_of
 from ..engines import Engine
 from ..hands import Hand
 from .executor import run_jobs, worker_count
@@ -26,9 +27,12 @@ Draw = Callable[[], Grasps]
 """Draws the grasps of one round: a pure function of its own fields, so that every process draws the same."""
 
 
-def as_cells(pairs: Iterable[tuple[GraspObject | str, GraspType | str]]) -> tuple[Pair, ...]:
+def as_cells(
+    pairs: Iterable[tuple[GraspObject | str, GraspType | str]],
+    read_type: Callable[[GraspType | str], GraspType] = as_type,
+) -> tuple[Pair, ...]:
     """Read pairs of an object and a type, or of their names; an InputError names the nearest to an unknown one."""
-    return tuple((as_object(obj), as_type(kind)) for obj, kind in pairs)
+    return tuple((as_object(obj), read_type(kind)) for obj, kind in pairs)
 
 
 def cell_name(pair: Pair) -> str:
@@ -63,6 +67,7 @@ def setting_of(hand: Hand, protocol: Protocol, engine: Engine, cells: Sequence[P
         "protocol": protocol.to_json(),
         "engine": engine.name,
         "objects": objects_of(cells),
+        **taxonomy_to_json(taxonomy_of(kind for _, kind in cells)),
     }
 
 
