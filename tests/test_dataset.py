@@ -738,8 +738,6 @@ def test_doctored_counts_of_a_collection_are_refused(
         ("object_z_m", np.nan),
         ("object_qw", 2.0),
         ("areas_end_thumb", 2**13),
-        ("areas_end_index", 0),
-        ("areas_closed_thumb", 0),
         ("areas_closed_little", 1),
     ],
 )

@@ -16,7 +16,7 @@ TASKS = Tasks.of(
 
 def read(tasks: Tasks, objects: object, **columns: list) -> Tasks:
     given = {"grasp_types": tasks.grasp_type, "names": tasks.object_name, "axes": tasks.side_axis} | columns
-    got = read_tasks(given["grasp_types"], given["names"], given["axes"], objects)
+    got = read_tasks(given["grasp_types"], given["names"], given["axes"], {"objects": objects})
     check_widths(got, given.get("side_m", tasks.side_m))
     return got
 

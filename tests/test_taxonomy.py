@@ -1,6 +1,7 @@
 """The six grasp types and the rule that makes a grasp faithful to its type."""
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -271,3 +272,13 @@ def test_a_contact_with_an_unknown_name_is_refused(digits: tuple, areas: tuple, 
     with pytest.raises(InputError) as caught:
         Contact(digits, areas)
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", TOUCH_TYPES, ids=list(FEIX_TYPES))
+def test_the_page_on_the_protocol_says_where_each_digit_must_touch(kind: GraspType) -> None:
+    said = []
+    for contact in kind.contacts:
+        length = f" from {contact.from_length_m * 1000:g} mm" if contact.from_length_m else ""
+        said.append(f"{' or '.join(contact.digits)}{length}: {', '.join(f'`{area}`' for area in contact.areas)}")
+    page = (Path(__file__).parents[1] / "docs/protocol.md").read_text(encoding="utf-8")
+    assert f"| `{kind.name}` | {'; '.join(said)} |" in page.splitlines()

@@ -148,8 +148,8 @@ def possible_cells(proposal: Proposal, hand: Hand, verb: str, objects: Sequence[
 
     Objects, if none are named, are the catalogue's or, of a proposal that knows others by name, those.
     """
-    possible = [kind for kind in proposal.grasp_types if kind in hand.grasp_types]
-    left_out = [name for name, kind in GRASP_TYPES.items() if kind not in possible]
+    possible = hand.possible(proposal.grasp_types)
+    left_out = [name for name in GRASP_TYPES if name not in {kind.name for kind in possible}]
     if left_out:
         why = f"{hand.name} lacks digits or places for them, or {proposal.name} has not seen them"
         say(verb, f"left out {', '.join(left_out)}: {why}")

@@ -95,7 +95,7 @@ class Sample:
         proposal = console.load_proposal(self.model, self.hand, self.prior)
         reach_m = proposal.hand.reach_m
         side = self.side_axis if self.side_cm is None else obj.site_of_length(self.side_cm / 100, reach_m)
-        grasps = proposal.sample(kind, obj, side, self.n, self.seed)
+        grasps = proposal.sample(kind.name, obj, side, self.n, self.seed)
         console.say("sample", *proposal.notes(grasps))
         asked: dict[str, Any] = {"grasp_type": kind.name, "object": obj.name}
         asked |= {"side_cm": self.side_cm, "side_axis": self.side_axis, "n": self.n, "seed": self.seed}
@@ -335,8 +335,9 @@ class Export:
 
 
 def _other_origin(evaluation: Evaluation, document: formats.GraspDocument) -> list[str]:
-    pairs = {"hand": document.grasps.hand, "model": document.metadata.get("model")}.items()
-    other = [(key, getattr(evaluation, key), own) for key, own in pairs if own not in (None, getattr(evaluation, key))]
+    grasps = document.grasps
+    said = {"hand": grasps.hand, "model": document.metadata.get("model"), "taxonomy": grasps.tasks.taxonomy}.items()
+    other = [(key, getattr(evaluation, key), own) for key, own in said if own not in (None, getattr(evaluation, key))]
     return [f"the evaluation is of {key} {rated}, the grasps are of {own}" for key, rated, own in other]
 
 

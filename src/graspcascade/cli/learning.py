@@ -14,8 +14,9 @@ from tyro.conf import arg
 
 from ..core.errors import InputError
 from ..core.files import write_folder_staged
+from ..core.objects import CATALOGUE
 from ..core.protocols import as_protocol
-from ..core.taxonomy import GRASP_TYPES, GraspType
+from ..core.taxonomy import GRASP_TYPES
 from ..engines import as_engine
 from ..hands import Hand, load_hand
 from ..nets import EpochRecord, TrainingSpec
@@ -25,7 +26,7 @@ from ..studies.collect import CollectionSpec, CollectionState, collect
 from ..studies.dataset import load_dataset
 from ..studies.learn import PRIOR_TRAINING, CascadeTraining, fit_cascade, fit_prior
 from ..studies.postures import LabelledPostures, Unit, export_postures, import_postures
-from ..studies.rounds import CELLS, Pair, as_cells, cell_name
+from ..studies.rounds import Pair, as_cells, cell_name
 from ..studies.seeds import Likeness, SeedSpec, human_likeness, make_seeds
 from . import console
 from .console import Bar, EngineName, Flag, HandName, Json, Objects, PriorFile, ProtocolName, Threads, Workers, percent
@@ -155,10 +156,10 @@ class Collect:
         placement = SPREAD if self.spread else CENTRED
         proposal = Heuristic(load_hand(self.hand), console.load_prior(self.prior), placement)
         console.possible_cells(proposal, proposal.hand, "collect")
-        cells = as_cells((name, kind) for name in self.objects for kind in GRASP_TYPES) or CELLS
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
+        cells = as_cells((obj, kind) for obj in self.objects or CATALOGUE for kind in proposal.prior.types.values())
         with console.bar("trials") as progress:
-            watch = _Watch(progress, self.spec, cells, proposal.grasp_types)
+            watch = _Watch(progress, self.spec, cells, {kind.name for kind in proposal.grasp_types})
             state = collect(
                 proposal,
                 self.spec,
@@ -187,9 +188,7 @@ class Collect:
 class _Watch:
     """Show how far a collection is, and say once what its user should know."""
 
-    def __init__(
-        self, progress: Bar, spec: CollectionSpec, cells: Sequence[Pair], possible: Collection[GraspType]
-    ) -> None:
+    def __init__(self, progress: Bar, spec: CollectionSpec, cells: Sequence[Pair], possible: Collection[str]) -> None:
         self._progress, self._spec, self._cells, self._possible = progress, spec, cells, possible
         self._state, self._in_round, self._said = CollectionState.of((), n_cells=len(cells)), 0, set[str]()
 
@@ -216,7 +215,7 @@ class _Watch:
     def _to_come(self) -> int:
         """Count the trials that whole rounds will still execute; of held grasps, as far as the rates so far tell."""
         spec, state = self._spec, self._state
-        cells = [cell for cell in state.unfinished(spec).tolist() if self._cells[cell][1] in self._possible]
+        cells = [cell for cell in state.unfinished(spec).tolist() if self._cells[cell][1].name in self._possible]
         trials, held = state.trials[cells], state.held[cells]
         missing = np.maximum(spec.successes_per_cell - held, 0) * (trials + 2) / (held + 1)
         missing = np.maximum(missing, spec.trials_per_cell - trials)

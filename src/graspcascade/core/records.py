@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import FileFormatError, InputError
+from .errors import FileFormatError, InputError, unknown
 from .objects import GraspObject, as_object
 from .poses import Pose
 from .tasks import Task, Tasks
-from .taxonomy import as_type
+from .taxonomy import TAXONOMIES, GraspType, as_type
 
 Columns = dict[str, NDArray[Any]]
 """Arrays ``(n,)`` by column name."""
@@ -59,19 +59,32 @@ def objects_from_json(data: object) -> dict[str, GraspObject]:
         raise FileFormatError(str(error)) from error
 
 
-def read_tasks(grasp_types: ArrayLike, names: ArrayLike, axes: ArrayLike, objects: object) -> Tasks:
+def taxonomy_to_json(name: str) -> dict[str, str]:
+    """Write the name of a taxonomy as files do, which leave out the paper's."""
+    return {} if name == "paper" else {"taxonomy": name}
+
+
+def types_from_json(data: Mapping[str, Any]) -> Mapping[str, GraspType]:
+    """Look up the grasp types that a file's names are of; a FileFormatError says that it names no known taxonomy."""
+    name = data.get("taxonomy", "paper")
+    if not isinstance(name, str) or name not in TAXONOMIES:
+        raise FileFormatError(str(unknown("taxonomy", name, TAXONOMIES)))
+    return TAXONOMIES[name]
+
+
+def read_tasks(grasp_types: ArrayLike, names: ArrayLike, axes: ArrayLike, about: Mapping[str, Any]) -> Tasks:
     """Make tasks of a file's columns ``(n,)``.
 
     Args:
         grasp_types: type names.
         names: names of objects that the file carries or of the catalogue, or sizes.
         axes: body axes of the sides held.
-        objects: what the file says of its objects, by name.
+        about: what the file says of all rows: `objects` by name, and the `taxonomy` of the types.
 
     Raises:
         FileFormatError: a row names something unknown; rows count from 0.
     """
-    own = objects_from_json(objects)
+    own, types = objects_from_json(about.get("objects", {})), types_from_json(about)
     columns = (np.asarray(column, dtype=str).tolist() for column in (grasp_types, names, axes))
     made: dict[tuple[str, str, str], Task] = {}
     tasks = []
@@ -80,7 +93,7 @@ def read_tasks(grasp_types: ArrayLike, names: ArrayLike, axes: ArrayLike, object
             kind, name, axis = cell
             try:
                 obj = own[name] if name in own else as_object(name)
-                made[cell] = Task(as_type(kind), obj, obj.site(axis))
+                made[cell] = Task(as_type(kind, types), obj, obj.site(axis))
             except InputError as error:
                 raise FileFormatError(f"grasp {row}: {error}") from error
         tasks.append(made[cell])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .errors import InputError, check_whole
 from .families import ObjectFamily
 from .objects import GraspObject, Site, as_object
-from .taxonomy import GraspType, as_type
+from .taxonomy import GraspType, as_type, taxonomy_of
 
 Key = TypeVar("Key", bound=Hashable)
 _MOST_ROWS = 10**9
@@ -150,6 +150,11 @@ class Tasks:
     def side_m(self) -> NDArray[np.float64]:
         """Widths of the sites ``(n,)``, metres."""
         return self.column(lambda task: task.site.width_m, np.float64)
+
+    @property
+    def taxonomy(self) -> str:
+        """Name of the taxonomy that the rows' types are of; types of several are an InputError."""
+        return taxonomy_of(task.grasp_type for task in self.distinct)
 
     @property
     def objects(self) -> dict[str, GraspObject]:

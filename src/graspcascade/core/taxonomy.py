@@ -42,8 +42,8 @@ class Contact:
 
     @property
     def mask(self) -> int:
-        """Bits of its areas; all of them where it names none."""
-        return sum(1 << AREAS.index(area) for area in self.areas or AREAS)
+        """Bits of its areas."""
+        return sum(1 << AREAS.index(area) for area in self.areas)
 
 
 @dataclass(frozen=True)

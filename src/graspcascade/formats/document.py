@@ -19,7 +19,7 @@ from ..core.grasps import Grasps, check_numbers
 from ..core.objects import AXES, CATALOGUE, GraspObject
 from ..core.outcomes import Outcomes
 from ..core.poses import Pose
-from ..core.records import Columns, check_widths, objects_to_json
+from ..core.records import Columns, check_widths, objects_to_json, taxonomy_to_json
 from ..core.tasks import Task, Tasks
 from ..hands import Hand, is_left
 
@@ -190,6 +190,7 @@ def header(document: GraspDocument) -> dict[str, Any]:
         "joint_names": list(grasps.joint_names),
         "objects": objects_to_json(grasps.tasks),
         "metadata": document.metadata,
+        **taxonomy_to_json(grasps.tasks.taxonomy),
     }
     if pose is not None:
         with place("X_world_object"):

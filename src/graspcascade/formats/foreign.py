@@ -19,7 +19,7 @@ from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
 from ..core.objects import SHAPES, GraspObject, as_object
 from ..core.poses import Pose, quat_conjugate, rotate, rotation_angle
-from ..core.records import objects_from_json
+from ..core.records import objects_from_json, types_from_json
 from ..core.tasks import Task, Tasks
 from ..core.taxonomy import GraspType, as_type
 from ..hands import Hand, is_left
@@ -198,7 +198,7 @@ def foreign_document(
 ) -> GraspDocument:
     """Make a document of rows with a hand's joints; `files` are our notes on each file, empty in someone else's."""
     headers = [notes for notes in files if notes]
-    for key in ("hand", "joint_names", "metadata", "X_world_object"):
+    for key in ("hand", "joint_names", "metadata", "taxonomy", "X_world_object"):
         if any(notes.get(key) != headers[0].get(key) for notes in headers):
             raise FileFormatError(f"its files differ in {key}, so they are of different exports; read them one by one")
     places = [number(row.notes["number"], "number") for row in rows if "number" in row.notes]
@@ -212,7 +212,7 @@ def foreign_document(
     for name, about in ((name, about) for notes in files for name, about in mapping(notes.get("objects")).items()):
         if noted.setdefault(name, about) != about:
             raise FileFormatError(f"its files describe object {doc.shown(name)} in two ways")
-    known = objects_from_json(noted)
+    known, types = objects_from_json(noted), types_from_json(headers[0] if headers else {})
     opened = doc.by_name(hand.joint_names, hand.pregrasp)
     tasks: list[Task] = []
     facts: list[dict[str, Any]] = []
@@ -222,7 +222,7 @@ def foreign_document(
             if named is None:
                 lacks = "it was changed since it was written" if row.changed else "the file names no grasp type"
                 raise InputError(f"{lacks}; say which type it is (grasp_type=, --grasp-type)")
-            kind, obj, chance = as_type(str(named)), _object(row, known, assume), _chance(row)
+            kind, obj, chance = as_type(str(named), types), _object(row, known, assume), _chance(row)
             tasks.append(_task(row, kind, obj, assume, hand))
             read = _numbers(row, tasks[-1])
         if chance is not None:

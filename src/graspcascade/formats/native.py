@@ -56,7 +56,7 @@ def read_json(path: Path, assume: Assumptions) -> GraspDocument:
             except KeyError as error:
                 raise FileFormatError(f"lacks {error.args[0]!r}") from error
     types, objects, axes = ([row[label] for row in read] for label in LABELS)
-    tasks = read_tasks(types, objects, axes, head.get("objects", {}))
+    tasks = read_tasks(types, objects, axes, head)
     return doc.to_document(head, names, doc.stack(read, names), tasks, assume.hand)
 
 
@@ -113,7 +113,7 @@ def read_parquet(path: Path, assume: Assumptions) -> GraspDocument:
     columns |= {name: gather(read, name, names) for name in ANGLES}
     columns |= vars(gather_pose(read, "object"))
     types, objects, axes = (read[label] for label in LABELS)
-    tasks = read_tasks(types, objects, axes, head.get("objects", {}))
+    tasks = read_tasks(types, objects, axes, head)
     return doc.to_document(head, names, columns, tasks, assume.hand)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..core.grasps import Grasps
 from ..core.objects import CATALOGUE, GraspObject, Site, as_object
 from ..core.poses import Pose
 from ..core.tasks import Task, Tasks, draw_tasks
-from ..core.taxonomy import GraspType, as_type
+from ..core.taxonomy import GRASP_TYPES, GraspType, as_type
 from ..hands.hand import Hand
 
 Array = NDArray[np.float64]
@@ -43,6 +44,18 @@ class Proposal(ABC):
     def objects(self) -> tuple[GraspObject, ...]:
         """Objects that it is usually tried on; here those of the catalogue."""
         return tuple(CATALOGUE.values())
+
+    def as_type(self, given: GraspType | str) -> GraspType:
+        """Read a grasp type: one as it is, or a name, of its own types first; an unknown one is an InputError."""
+        return as_type(given, {**GRASP_TYPES, **{kind.name: kind for kind in self.grasp_types}})
+
+    def check_types(self, kinds: Iterable[GraspType]) -> None:
+        """Check that types are of the taxonomy of its own of these names; an InputError names the first that is not."""
+        own = {kind.name: kind for kind in self.grasp_types}
+        for kind in kinds:
+            if (known := own.get(kind.name, kind).taxonomy) != kind.taxonomy:
+                other = f"{self.name} knows the {kind.name} of taxonomy {known!r}, not that of {kind.taxonomy!r}"
+                raise InputError(f"{other}; give it by name")
 
     @abstractmethod
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:
@@ -80,7 +93,7 @@ class Proposal(ABC):
         Raises:
             InputError: an unknown name, a side that cannot be held, n < 1, a negative seed, or see `propose`.
         """
-        kind, target = as_type(grasp_type), as_object(obj)
+        kind, target = self.as_type(grasp_type), as_object(obj)
         check_whole("n", n, 1)
         check_whole("seed", seed, most=MAX_SEED)
         rng = np.random.default_rng(seed)

@@ -98,20 +98,23 @@ class Heuristic(Proposal):
     @property
     def grasp_types(self) -> tuple[GraspType, ...]:
         """Grasp types that the hand can make and of which the prior has seen postures."""
-        return tuple(kind for kind in self.hand.grasp_types if kind.name in self.prior.grasp_types)
+        possible = self.hand.possible(self.prior.types.values())
+        return tuple(kind for kind in possible if kind.name in self.prior.grasp_types)
 
     def postures(self, grasp_types: NDArray[np.str_], rng: np.random.Generator) -> Array:
         """Draw one posture ``(n, J)``, radians, for each type name; an InputError if the hand or prior lacks a type."""
         for name in dict.fromkeys(grasp_types.tolist()):
-            self.hand.check_type(as_type(name))
+            self.hand.check_type(as_type(name, self.prior.types))
         return self.prior.sample(grasp_types, rng)[:, self.prior.columns_of(self.hand)]
 
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
+        self.check_types(task.grasp_type for task in tasks.distinct)
         return place(self.hand, self.postures(tasks.grasp_type, rng), tasks, rng, self.placement)
 
     def propose_any_side(  # noqa: D102 (inherited)
         self, obj: GraspObject, kind: GraspType, n: int, rng: np.random.Generator
     ) -> Grasps:
+        self.check_types([kind])
         # Postures are drawn before sides: the order in which published collections drew them.
         postures = self.postures(np.full(n, kind.name), rng)
         tasks = draw_tasks([(obj, kind)], n, self.hand.reach_m, rng)
@@ -165,6 +168,7 @@ class Screened(Proposal):
         return self.heuristic.grasp_types
 
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
+        self.check_types(task.grasp_type for task in tasks.distinct)
         postures = self.heuristic.postures(tasks.grasp_type, rng)
         grasps = place(self.hand, postures, tasks, rng, self.heuristic.placement)
         for _ in range(self.most_draws - 1):

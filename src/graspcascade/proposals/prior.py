@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import FileFormatError, InputError
-from ..core.taxonomy import as_type
+from ..core.records import taxonomy_to_json, types_from_json
+from ..core.taxonomy import TAXONOMIES, GraspType, as_type
 from ..hands.hand import Hand
 from ..nets import NumpyDecoder, load_decoders, save_decoders
 
@@ -31,6 +32,7 @@ class PosturePrior:
         grasp_types: names of the types that it was trained on, in the order of its inputs.
         decoder: the trained decoder.
         metadata: what it was trained on and how.
+        taxonomy: whose types they are (see `core.taxonomy.TAXONOMIES`).
 
     Examples:
         >>> import numpy as np
@@ -45,10 +47,16 @@ class PosturePrior:
     grasp_types: tuple[str, ...]
     decoder: NumpyDecoder
     metadata: dict[str, Any]
+    taxonomy: str = "paper"
 
     def __repr__(self) -> str:
         """Word the prior in one line."""
         return f"<PosturePrior of {len(self.joint_names)} joints>"
+
+    @property
+    def types(self) -> Mapping[str, GraspType]:
+        """Types of its taxonomy by name, those that it was not trained on included."""
+        return TAXONOMIES[self.taxonomy]
 
     def sample(self, grasp_types: ArrayLike, rng: np.random.Generator) -> NDArray[np.float64]:
         """Draw one posture ``(n, J)`` in radians for each type name, not clipped to limits.
@@ -83,7 +91,7 @@ class PosturePrior:
     def save(self, path: Path) -> None:
         """Write the prior, its metadata inside, to one safetensors file."""
         names = {"joint_names": list(self.joint_names), "grasp_types": list(self.grasp_types)}
-        save_decoders(path, {_DECODER: self.decoder}, names | self.metadata)
+        save_decoders(path, {_DECODER: self.decoder}, names | taxonomy_to_json(self.taxonomy) | self.metadata)
 
     @classmethod
     def load(cls, path: Path | str) -> PosturePrior:
@@ -102,8 +110,9 @@ class PosturePrior:
             names, kinds = (
                 msgspec.convert(metadata.pop(key, None), tuple[str, ...]) for key in ("joint_names", "grasp_types")
             )
+            types = types_from_json(metadata)
             for name in kinds:
-                as_type(name)
+                as_type(name, types)
         except (InputError, msgspec.ValidationError) as error:
             raise FileFormatError(f"{path} does not name joints and types as a posture prior does: {error}") from error
         widths = (decoder.spec.target_dim, decoder.spec.condition_dim)
@@ -112,7 +121,7 @@ class PosturePrior:
                 f"{path} names {len(names)} joints and {len(kinds)} types, but has weights for {widths[0]} and "
                 f"{widths[1]}, or names one twice"
             )
-        return cls(names, kinds, decoder, metadata)
+        return cls(names, kinds, decoder, metadata, metadata.pop("taxonomy", "paper"))
 
     @classmethod
     def pretrained(cls) -> PosturePrior:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -132,7 +132,7 @@ class Build:
                 self.report("seeds", made, total)
 
             export_postures(path, make_seeds(self.hand, self.spec.seeds, tell))
-        return import_postures(path, self.hand, taxonomy=self.spec.seeds.taxonomy)
+        return replace(import_postures(path, self.hand), taxonomy=self.spec.seeds.taxonomy)
 
     def collected(self, proposal: Proposal, number: int) -> Dataset:
         """Collect a round of trials under `varied`."""

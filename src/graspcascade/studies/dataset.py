@@ -36,7 +36,7 @@ _GRASP_NUMBERS = ("side_m", "grasp_size_m")
 _OUTCOME_NUMBERS = ("object_size_m", "displacement_m", "turn_rad", "duration_s")
 _FARTHEST_M, _UNIT_TOLERANCE = 1.0, 1e-3
 """An object farther from the hand, or a quaternion whose length differs more from 1, is of no grasp."""
-_UNUSUAL = ("cells", "families", "placement")
+_UNUSUAL = ("cells", "families", "placement", "taxonomy")
 """Entries that metadata has only where they are not as usual."""
 _WORDS = {"model_metadata": "training of the model", "hand_fingerprint": "hand file", "pregrasp_rad": "open hand"}
 """What entries of the metadata are called in messages, where not by their keys."""
@@ -195,7 +195,8 @@ def from_columns(
 
     Args:
         columns: of one or more shards.
-        about: the dataset's metadata: hand, joint names, pregrasp, digits, and objects that are not spelled by size.
+        about: the dataset's metadata: hand, joint names, pregrasp, digits, taxonomy of the types, and objects that are
+            not spelled by size.
 
     Raises:
         FileFormatError: a column is missing or holds a value that cannot be, or a row names a task that cannot be.
@@ -209,7 +210,7 @@ def from_columns(
         types, objects, axes = (columns[name] for name in ("grasp_type", "object_label", "side_axis"))
         numbers = {name: np.asarray(columns[name], dtype=np.float64) for name in (*_GRASP_NUMBERS, *_OUTCOME_NUMBERS)}
         posture = gather(columns, "posture", joint_names)
-        tasks = read_tasks(types, objects, axes, about.get("objects", {}))
+        tasks = read_tasks(types, objects, axes, about)
         check_widths(tasks, numbers["side_m"])
         grasps = Grasps(
             hand=str(about.get("hand", "")),
@@ -253,7 +254,7 @@ def _check_values(columns: Mapping[str, NDArray[Any]], joint_names: tuple[str, .
     for when, digit in product(("closed", "end"), digits):
         if (name := f"areas_{when}_{digit}") in columns:
             known = (columns[name] >= 0) & (columns[name] < 1 << len(AREAS))
-            right[name] = known & ((columns[name] != 0) == columns[f"touch_{when}_{digit}"])
+            right[name] = known & ((columns[name] == 0) | columns[f"touch_{when}_{digit}"])
     pose = gather_pose(columns, "object")
     within = np.abs(pose.position_m) < _FARTHEST_M
     right |= {f"object_{axis}_m": within[:, place] for place, axis in enumerate(AXES)}

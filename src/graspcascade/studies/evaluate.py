@@ -21,7 +21,7 @@ from ..core.objects import GraspObject
 from ..core.outcomes import VERDICTS, Outcomes
 from ..core.protocols import PAPER, Protocol, as_protocol
 from ..core.tasks import draw_tasks
-from ..core.taxonomy import GraspType
+from ..core.taxonomy import GraspType, taxonomy_of
 from ..engines import Engine, as_engine
 from ..hands import Hand, executing_hand
 from ..proposals import Proposal
@@ -89,7 +89,7 @@ def evaluate(
         >>> result.protocol.name, result.n
         ('paper', 2)
     """
-    engine, cells = as_engine(engine), as_cells(cells)
+    engine, cells = as_engine(engine), as_cells(cells, proposal.as_type)
     protocol = as_protocol(protocol)
     if engine.abridged is not None:
         raise InputError("an evaluation computes every step; give an engine with creep=None")
@@ -150,6 +150,7 @@ def evaluate(
             for (obj, kind), (*verdicts, faithful, steady) in zip(cells, counted, strict=True)
         )
         about = {key: identity[key] for key in ("seed", "per_cell", "versions", "model_metadata")}
+        about["taxonomy"] = taxonomy_of(kind for _, kind in cells)
         evaluation = Evaluation(protocol, name, hand.name, tallies, engine=engine.name, **about)
         if out is not None:
             evaluation.save(Path(out) / EVALUATION_FILE)

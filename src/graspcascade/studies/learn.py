@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
@@ -94,16 +94,19 @@ def fit_prior(
     from ..nets.training import fit
 
     heads = (HeadSpec("gaussian", len(hand.joint_names), weight=4.0),)
-    kinds = tuple(name for name in GRASP_TYPES if name in seeds.grasp_type)
+    types = TAXONOMIES[seeds.taxonomy]
+    kinds = tuple(name for name in types if name in seeds.grasp_type)
     spec = VaeSpec(condition_dim=len(kinds), heads=heads, latent_dim=10, hidden=(128, 128), kl_weight=0.5)
     postures, codes = hand.executed(seeds.posture), type_codes(seeds.grasp_type, kinds)
-    metric = contact_metric(hand, postures, seeds.grasp_type)
+    metric = contact_metric(hand, postures, seeds.grasp_type, types)
     fitted = fit(spec, training, postures.astype(np.float32), codes, metric, progress)
     about = {"kind": "posture prior", "hand": hand.name, "n_postures": len(seeds), "training": asdict(training)}
-    return PosturePrior(hand.joint_names, kinds, NumpyDecoder.from_fitted(fitted), about)
+    return PosturePrior(hand.joint_names, kinds, NumpyDecoder.from_fitted(fitted), about, seeds.taxonomy)
 
 
-def contact_metric(hand: Hand, postures: Array, grasp_types: NDArray[np.str_]) -> NDArray[np.float32]:
+def contact_metric(
+    hand: Hand, postures: Array, grasp_types: NDArray[np.str_], types: Mapping[str, GraspType] = GRASP_TYPES
+) -> NDArray[np.float32]:
     """Differentiate the contact geometry of postures ``(n, J)``, radians, of named types with respect to their joints.
 
     It is the measure by which errors of a posture matter.
@@ -114,7 +117,7 @@ def contact_metric(hand: Hand, postures: Array, grasp_types: NDArray[np.str_]) -
     jacobians = np.zeros((len(postures), N_ROWS, postures.shape[1]), dtype=np.float32)
     steps = 1e-5 * np.eye(postures.shape[1])
     for name in np.unique(grasp_types):
-        kind, rows = as_type(str(name)), np.flatnonzero(grasp_types == name)
+        kind, rows = as_type(str(name), types), np.flatnonzero(grasp_types == name)
         for chunk in np.array_split(rows, max(1, len(rows) // 2000)):
             some = postures[chunk]
             changes = [_geometry(hand, some + step, kind) - _geometry(hand, some - step, kind) for step in steps]
@@ -229,7 +232,7 @@ def prepare(hand: Hand, dataset: Dataset, factorization: Factorization, config: 
     asked = encode_request(request, vocabulary, code)
     generated = {"posture": encode_posture(grasps.posture, thumb, other), "position": in_frame.position_m}
     targets: dict[Target, Array] = {"posture": grasps.posture, "position": in_frame.position_m, "rotation": rotation}
-    metric = partial(contact_metric, hand, grasps.posture, grasps.grasp_type)
+    metric = partial(contact_metric, hand, grasps.posture, grasps.grasp_type, TAXONOMIES[vocabulary.taxonomy])
     return TrainingData(int(rows.sum()), request, targets, {**asked, **generated}, metric, sizes, vocabulary)
 
 

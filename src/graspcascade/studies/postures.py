@@ -40,6 +40,7 @@ class LabelledPostures:
         posture: ``(n, J)`` radians.
         grasp_type: ``(n,)`` type names.
         clipped: by joint, how many angles were brought to its limits; joints without any left out.
+        taxonomy: whose types they are (see `core.taxonomy.TAXONOMIES`); a CSV of postures does not say.
 
     Examples:
         >>> from pathlib import Path
@@ -57,6 +58,7 @@ class LabelledPostures:
     posture: NDArray[np.float64]
     grasp_type: NDArray[np.str_]
     clipped: Mapping[str, int] = field(default_factory=dict)
+    taxonomy: str = "paper"
 
     def __len__(self) -> int:
         """Count the postures."""

@@ -13,6 +13,7 @@ from ..core.files import read_json, write_json
 from ..core.intervals import Difference, Interval, newcombe, wilson
 from ..core.outcomes import VERDICTS
 from ..core.protocols import Protocol
+from ..core.records import taxonomy_to_json, types_from_json
 
 KIND = "graspcascade evaluation"
 """Marks the JSON of an evaluation among other files."""
@@ -126,6 +127,7 @@ class Evaluation:
         versions: versions that the numbers depend on.
         model_metadata: what the caller says of the model.
         engine: name of the engine; evaluations of earlier versions do not say, and were MuJoCo's.
+        taxonomy: whose rules the type-faithful were counted by (see `core.taxonomy.TAXONOMIES`).
 
     Examples:
         >>> from graspcascade import GraspSampler, as_object, as_type
@@ -145,6 +147,7 @@ class Evaluation:
     versions: Mapping[str, str]
     model_metadata: Mapping[str, Any]
     engine: str = "mujoco"
+    taxonomy: str = "paper"
 
     @cached_property
     def total(self) -> Tally:
@@ -187,6 +190,7 @@ class Evaluation:
             "engine": self.engine,
             "model": self.model,
             "hand": self.hand,
+            **taxonomy_to_json(self.taxonomy),
             "n": self.n,
             "held": self.held.to_json(),
             "faithful": self.faithful.to_json(),
@@ -215,12 +219,14 @@ class Evaluation:
             raise FileFormatError(f'not an evaluation: it lacks "kind": "{KIND}"')
         if data.get("schema_version") != SCHEMA_VERSION:
             raise FileFormatError(f"schema version {data.get('schema_version')!r}; this version reads {SCHEMA_VERSION}")
-        data = {"engine": "mujoco"} | data
+        data = {"engine": "mujoco", "taxonomy": "paper"} | data
+        types_from_json(data)
         try:
             kinds = {
                 "model": str,
                 "hand": str,
                 "engine": str,
+                "taxonomy": str,
                 "seed": int,
                 "per_cell": int,
                 "versions": dict,

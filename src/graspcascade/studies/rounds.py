@@ -14,7 +14,8 @@ from ..core.grasps import Grasps
 from ..core.objects import CATALOGUE, GraspObject
 from ..core.outcomes import Outcomes
 from ..core.protocols import Conditions, Protocol
-from ..core.taxonomy import GRASP_TYPES, GraspType, as_type
+from ..core.records import taxonomy_to_json
+from ..core.taxonomy import GRASP_TYPES, GraspType, as_type, taxonomy_of
 from ..engines import Engine
 from ..hands import Hand
 from .executor import run_jobs, worker_count
@@ -27,9 +28,12 @@ Draw = Callable[[], Grasps]
 """Draws the grasps of one round: a pure function of its own fields, so that every process draws the same."""
 
 
-def as_cells(pairs: Iterable[tuple[GraspObject | ObjectFamily | str, GraspType | str]]) -> tuple[Pair, ...]:
+def as_cells(
+    pairs: Iterable[tuple[GraspObject | ObjectFamily | str, GraspType | str]],
+    read_type: Callable[[GraspType | str], GraspType] = as_type,
+) -> tuple[Pair, ...]:
     """Read pairs of an object or family (see `read_objects`) and a type; an InputError tells of an unknown name."""
-    return tuple((obj, as_type(kind)) for given, kind in pairs for obj in read_objects(given))
+    return tuple((obj, read_type(kind)) for given, kind in pairs for obj in read_objects(given))
 
 
 def cell_name(pair: Pair) -> str:
@@ -66,6 +70,7 @@ def setting_of(hand: Hand, protocol: Protocol, engine: Engine, cells: Sequence[P
         "protocol": protocol.to_json(),
         "engine": engine.name,
         **objects_of(cells),
+        **taxonomy_to_json(taxonomy_of(kind for _, kind in cells)),
     }
 
 

@@ -132,7 +132,7 @@ def make_seeds(
             if progress is not None:
                 progress(1)
     names = np.repeat([kind.name for kind in possible], spec.per_type)
-    return LabelledPostures(hand.joint_names, np.array(postures), names)
+    return LabelledPostures(hand.joint_names, np.array(postures), names, taxonomy=spec.taxonomy)
 
 
 def _solve(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, rng: np.random.Generator) -> Array:

@@ -90,8 +90,10 @@ class Batch:
 
 def sample_batch(proposal: Proposal, hand: Hand, request: SampleRequest) -> Batch:
     """Sample what is asked for, or raise an `InputError`; the same request gives the same grasps."""
-    hand.check_type(request.grasp_type)
-    kind, obj, axis, n, seed = request.grasp_type, request.object, request.side_axis, request.n, request.seed
+    # A page is asked for a type before there is a model whose types they are: only its name counts.
+    kind, obj, axis = proposal.as_type(request.grasp_type.name), request.object, request.side_axis
+    n, seed = request.n, request.seed
+    hand.check_type(kind)
     grasps = proposal.sample(kind, obj, axis, n, seed)
     asked = {"grasp_type": kind.name, "object": obj.name, "side_axis": axis, "n": n, "seed": seed}
     name = "_".join([kind.name, obj.name, *([axis] if axis else []), f"seed{seed}"]).replace(":", "_")

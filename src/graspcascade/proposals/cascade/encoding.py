@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from ...core.errors import InputError, check_name
 from ...core.objects import AXES, SHAPES, GraspObject, Shape
 from ...core.poses import Pose, matrix_to_quat, quat_multiply
+from ...core.records import taxonomy_to_json
 from ...core.tasks import Task, Tasks
-from ...core.taxonomy import GRASP_TYPES, as_type
+from ...core.taxonomy import TAXONOMIES, as_type
 from ...nets import HeadSpec, VaeSpec
 from .stages import Frame, ObjectCode, Quantity, Stage, Target
 
@@ -40,6 +41,7 @@ class Vocabulary:
         grasp_types: names of the types.
         objects: the objects that it knows by name, each of another shape; none where it tells them otherwise.
         shapes: kinds of shapes.
+        taxonomy: whose types they are (see `core.taxonomy.TAXONOMIES`).
 
     Raises:
         InputError: an unknown name, or one that comes twice.
@@ -48,6 +50,7 @@ class Vocabulary:
     grasp_types: tuple[str, ...]
     objects: tuple[GraspObject, ...]
     shapes: tuple[str, ...] = tuple(SHAPES)
+    taxonomy: str = "paper"
 
     def __post_init__(self) -> None:
         for names in (self.grasp_types, tuple(obj.name for obj in self.objects), self.shapes):
@@ -55,8 +58,9 @@ class Vocabulary:
                 raise InputError(f"a vocabulary needs names, each of them once, got {', '.join(names)}")
         if not self.grasp_types or not self.shapes:
             raise InputError("a vocabulary needs grasp types and shapes")
+        check_name("taxonomy", self.taxonomy, TAXONOMIES)
         for name in self.grasp_types:
-            as_type(name)
+            as_type(name, TAXONOMIES[self.taxonomy])
         for name in self.shapes:
             check_name("shape", name, SHAPES)
         if len({obj.shape for obj in self.objects}) < len(self.objects):
@@ -69,7 +73,8 @@ class Vocabulary:
         objects: dict[Shape, GraspObject] = {}
         for task in tasks.distinct if code == "label" else ():
             objects.setdefault(task.object.shape, task.object)
-        return cls(tuple(name for name in GRASP_TYPES if name in asked), tuple(objects.values()))
+        types = tuple(name for name in TAXONOMIES[tasks.taxonomy] if name in asked)
+        return cls(types, tuple(objects.values()), taxonomy=tasks.taxonomy)
 
     def known(self, obj: GraspObject) -> GraspObject | None:
         """Look up the known object of the same shape, None where there is none."""
@@ -108,6 +113,7 @@ class Vocabulary:
             "grasp_types": list(self.grasp_types),
             "objects": [{"name": obj.name} | obj.to_json() for obj in self.objects],
             "shapes": list(self.shapes),
+            **taxonomy_to_json(self.taxonomy),
         }
 
     @classmethod
@@ -120,7 +126,8 @@ class Vocabulary:
             raise InputError(
                 f"a vocabulary lists grasp_types, objects with their names, and shapes: {error}"
             ) from error
-        return cls(types, tuple(GraspObject.from_json(name, about) for name, about in named), shapes)
+        objects = tuple(GraspObject.from_json(name, about) for name, about in named)
+        return cls(types, objects, shapes, str(data.get("taxonomy", "paper")))
 
 
 def check_side(task: Task) -> None:

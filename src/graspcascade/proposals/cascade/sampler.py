@@ -19,7 +19,7 @@ from ...core.grasps import Grasps
 from ...core.objects import GraspObject
 from ...core.poses import Pose, canonical_quat, quat_conjugate, quat_multiply
 from ...core.tasks import Task, Tasks
-from ...core.taxonomy import GraspType
+from ...core.taxonomy import TAXONOMIES, GraspType
 from ...hands.hand import Hand
 from ...nets import NumpyDecoder, load_decoders, save_decoders
 from .. import Proposal, as_proposed, check_reach
@@ -162,7 +162,8 @@ class GraspSampler(Proposal):
     @property
     def grasp_types(self) -> tuple[GraspType, ...]:
         """Grasp types that the hand can make and that were seen in training."""
-        return tuple(kind for kind in self.hand.grasp_types if kind.name in self.vocabulary.grasp_types)
+        possible = self.hand.possible(TAXONOMIES[self.vocabulary.taxonomy].values())
+        return tuple(kind for kind in possible if kind.name in self.vocabulary.grasp_types)
 
     @property
     def objects(self) -> tuple[GraspObject, ...]:
@@ -199,6 +200,7 @@ class GraspSampler(Proposal):
             InputError: a side beyond the hand's reach, or what the model does not know (`Vocabulary.check`).
         """
         check_reach(self.hand, tasks)
+        self.check_types(task.grasp_type for task in tasks.distinct)
         for task in tasks.distinct:
             self.vocabulary.check(task, self.factorization.object_code)
         blank, known = np.full(len(tasks), np.nan), self.vocabulary.renamed(tasks)
