@@ -26,7 +26,7 @@ HAND = load_hand("shadow")
 BRIEF = TrainingSpec(epochs=2, batch_size=64, validation_fraction=0.0)
 TINY = BuildSpec(
     seeds=replace(FEIX_SEEDS, per_type=8, most_draws=4),
-    prior=replace(BRIEF, epochs=150, metric_weight=1.0 / 0.002**2),
+    prior=replace(BRIEF, epochs=2000, metric_weight=1.0 / 0.002**2),
     trials_per_cell=(24, 6),
     cascade=CascadeTraining(learn_from="held", training=BRIEF),
     scorer=ScorerTraining(hidden=(16,), training=BRIEF),

@@ -23,7 +23,7 @@ from graspcascade.core.taxonomy import GRASP_TYPES
 from graspcascade.hands import load_hand
 from graspcascade.nets import TrainingSpec, load_decoders, save_decoders
 from graspcascade.proposals.heuristic import Heuristic
-from graspcascade.proposals.ranked import Explored, Ranked
+from graspcascade.proposals.ranked import Disturbed, Ranked
 from graspcascade.proposals.scorer import Scorer, View
 from graspcascade.studies.dataset import Dataset
 from graspcascade.studies.scoring import FittedScorer, Judgement, ScorerTraining, fit_scorer, without_errors
@@ -193,7 +193,7 @@ def test_types_and_joints_that_it_does_not_know_are_refused(fitted: FittedScorer
     assert not len(fitted.scorer.chances(drawn(1)[:0]).held)
 
 
-# Ranked and explored proposals
+# Ranked and disturbed proposals
 
 
 @pytest.fixture(scope="module")
@@ -235,20 +235,13 @@ def test_a_ranking_out_of_range_is_refused(ranked: Ranked, change: dict[str, Any
         replace(ranked, **change)
 
 
-def test_explored_grasps_lie_about_those_of_the_proposal(fitted: FittedScorer) -> None:
-    explored = Explored(Heuristic.pretrained(), fitted.scorer)
-    near, bare = (each.sample("tripod", "sphere:40mm", "x", n=500, seed=2) for each in (explored, explored.proposal))
+def test_disturbed_grasps_lie_about_those_of_the_proposal() -> None:
+    disturbed = Disturbed(Heuristic.pretrained())
+    near, bare = (each.sample("tripod", "sphere:40mm", "x", n=500, seed=2) for each in (disturbed, disturbed.proposal))
     moved = near.X_hand_object.position_m - bare.X_hand_object.position_m
-    np.testing.assert_allclose(moved.std(axis=0), explored.position_sd_m, rtol=0.15)
+    np.testing.assert_allclose(moved.std(axis=0), disturbed.position_sd_m, rtol=0.15)
     turned = rotation_angle(near.X_hand_object.quat_wxyz, bare.X_hand_object.quat_wxyz)
-    np.testing.assert_allclose(np.sqrt((turned**2).mean() / 3), explored.rotation_sd_rad, rtol=0.15)
-    assert 0.3 < (near.posture - bare.posture).std() / explored.posture_sd_rad < 1.1
+    np.testing.assert_allclose(np.sqrt((turned**2).mean() / 3), disturbed.rotation_sd_rad, rtol=0.15)
+    assert 0.3 < (near.posture - bare.posture).std() / disturbed.posture_sd_rad < 1.1
     np.testing.assert_allclose(near.grasp_size_m, HAND.grasp_size(near.posture), atol=1e-9)
-
-
-def test_what_the_scorer_gives_no_chance_is_not_worth_a_trial(fitted: FittedScorer) -> None:
-    explored = Explored(Heuristic.pretrained(), fitted.scorer, least_chance=0.5)
-    grasps = explored.sample("tripod", "sphere:40mm", "x", n=200)
-    chance = fitted.scorer.chances(grasps).faithful
-    np.testing.assert_array_equal(explored.hopeless(grasps), chance < 0.5)
-    assert 0 < explored.hopeless(grasps).sum() < 200
+    assert disturbed.describe()["noise"]["position_sd_m"] == 0.003

@@ -1,4 +1,4 @@
-"""Proposals that a scorer looks at: likely grasps for users, and grasps worth trying for the next collection."""
+"""Proposals made of others: likely grasps for users, and disturbed ones for the next collection."""
 
 from __future__ import annotations
 
@@ -22,11 +22,10 @@ from .scorer import Scorer
 Array = NDArray[np.float64]
 
 
-class _Scored(Proposal):
-    """A proposal that hands on another's hand, types and objects."""
+class _Derived(Proposal):
+    """A proposal for the hand, types and objects of another."""
 
     proposal: Proposal
-    scorer: Scorer
 
     @property
     def hand(self) -> Hand:  # type: ignore[override]
@@ -35,18 +34,17 @@ class _Scored(Proposal):
 
     @property
     def grasp_types(self) -> tuple[GraspType, ...]:
-        """Grasp types that are proposed and that the scorer knows."""
-        known = self.scorer.view.grasp_types
-        return tuple(kind for kind in self.proposal.grasp_types if kind.name in known)
+        """Grasp types that the other proposes."""
+        return self.proposal.grasp_types
 
     @property
     def objects(self) -> tuple[GraspObject, ...]:
-        """Objects that the proposal is usually tried on."""
+        """Objects that the other is usually tried on."""
         return self.proposal.objects
 
 
 @dataclass(frozen=True, eq=False)
-class Ranked(_Scored):
+class Ranked(_Derived):
     """Draw each grasp again until its chance of success is good enough.
 
     So grasps are spread as those of the proposal that are good enough, and do not collapse to the likeliest. A grasp
@@ -111,27 +109,21 @@ class Ranked(_Scored):
 
 
 @dataclass(frozen=True, eq=False)
-class Explored(_Scored):
-    """Disturb grasps so that a collection learns what lies beside them, leaving out what the scorer gives no chance.
+class Disturbed(_Derived):
+    """Disturb grasps, so that a collection learns what lies beside them.
 
     Attributes:
         proposal: where grasps come from.
-        scorer: estimates their chances.
         posture_sd_rad: disturbance of each joint's angle, a standard deviation, radians.
         position_sd_m: that of the object's position along each axis, metres.
         rotation_sd_rad: that of the angle about each axis by which the object is turned, radians.
-        least_chance: grasps of which the scorer expects less are not worth a trial.
     """
 
     proposal: Proposal
-    scorer: Scorer
     posture_sd_rad: float = 0.05
     position_sd_m: float = 0.003
     rotation_sd_rad: float = 0.1
-    least_chance: float = 0.3
-    name: str = "explored"
-
-    screening = "candidates to which a scorer gives little chance are skipped"
+    name: str = "disturbed"
 
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
         grasps, n = self.proposal.propose(tasks, rng), len(tasks)
@@ -148,12 +140,7 @@ class Explored(_Scored):
             grasp_size_m=self.hand.tip_distance(posture),
         )
 
-    def hopeless(self, grasps: Grasps) -> NDArray[np.bool_]:
-        """Tell to which grasps ``(n,)`` the scorer gives less than the least chance, under what `varied` draws."""
-        return np.asarray(self.scorer.chances(grasps).faithful < self.least_chance)
-
     def describe(self) -> dict[str, Any]:
         """Say for a record what is disturbed, and how."""
-        names = ("posture_sd_rad", "position_sd_m", "rotation_sd_rad", "least_chance")
-        noise = {name: getattr(self, name) for name in names}
-        return self.proposal.describe() | {"scorer": self.scorer.fingerprint(), "noise": noise}
+        noise = {name: getattr(self, name) for name in ("posture_sd_rad", "position_sd_m", "rotation_sd_rad")}
+        return self.proposal.describe() | {"noise": noise}

@@ -20,7 +20,7 @@ from ..proposals.cascade.sampler import GraspSampler
 from ..proposals.cascade.stages import FACTORIZATIONS
 from ..proposals.heuristic import SPREAD, Heuristic
 from ..proposals.prior import PosturePrior
-from ..proposals.ranked import Explored, Ranked
+from ..proposals.ranked import Disturbed, Ranked
 from ..proposals.scorer import Scorer
 from .collect import CollectionSpec, CollectionState, collect
 from .dataset import Dataset, join, load_dataset
@@ -101,7 +101,9 @@ class Build:
         data: list[Dataset] = []
         for number in range(1, len(self.spec.trials_per_cell) + 1):
             data.append(self.collected(proposal, number))
-            proposal = Explored(*self.learned(data, number))
+            cascade, scorer = self.learned(data, number)
+            # What has no chance at all teaches little; which that is, a scorer of the round before can say.
+            proposal = Ranked(Disturbed(cascade), scorer, good_enough=0.3, most_draws=4, name="explored")
         self.measured()
         return GraspSampler.load(self.model(number))
 
@@ -151,8 +153,8 @@ class Build:
             self.report(f"trials of round {number}", int(state.trials.sum()) + tried, total)
 
         spec = CollectionSpec(per_cell, round_per_cell=min(per_cell, 200), seed=self.spec.seed)
-        engine = self.engine.abridging(VARIED)
-        collect(proposal, spec, folder, protocol=VARIED, engine=engine, cells=self.cells, progress=begin, tick=tell)
+        about: dict[str, Any] = {"protocol": VARIED, "hand": self.hand, "cells": self.cells}
+        collect(proposal, spec, folder, engine=self.engine.abridging(VARIED), progress=begin, tick=tell, **about)
         return load_dataset(folder)
 
     def learned(self, data: list[Dataset], number: int) -> tuple[GraspSampler, Scorer]:
@@ -194,7 +196,8 @@ class Build:
                 step = f"evaluation {name} after round {number}"
                 evaluate(
                     proposal,
-                    protocol,
+                    protocol=protocol,
+                    hand=self.hand,
                     per_cell=self.spec.evaluation_per_cell,
                     cells=self.cells,
                     seed=self.spec.seed + 1,

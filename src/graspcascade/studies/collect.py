@@ -23,6 +23,7 @@ from ..core.protocols import PAPER, Protocol, as_protocol
 from ..core.tasks import draw_tasks
 from ..core.taxonomy import GraspType
 from ..engines import Engine, as_engine
+from ..hands import Hand, executing_hand
 from ..proposals import Proposal
 from .dataset import METADATA_FILE, Shard, Whole, check_record, is_intact, open_folder, write_metadata, write_round
 from .rounds import CELLS, Pair, as_cells, setting_of, try_round
@@ -117,6 +118,7 @@ def collect(
     folder: Path | str,
     *,
     protocol: Protocol | str = PAPER,
+    hand: Hand | str | None = None,
     engine: Engine | str = "mujoco",
     cells: Sequence[tuple[GraspObject | ObjectFamily | str, GraspType | str]] = CELLS,
     workers: int = 1,
@@ -132,6 +134,7 @@ def collect(
         spec: how much.
         folder: made if needed.
         protocol: the trial, or its name.
+        hand: to execute with (see `hands.executing_hand`); by default the proposal's.
         engine: what tries them, or the name of one that abridges the time under weight.
         cells: pairs of object or family and type, or of their names; of a family every trial draws an object. Those
             of types that the proposal cannot make (see `Proposal.grasp_types`) get no trials.
@@ -144,7 +147,8 @@ def collect(
             collecting into it; or none of the types can be made, or hardly any candidate is worth a trial.
         FileFormatError: the metadata of its collection cannot be read.
     """
-    folder, hand, cells, protocol = Path(folder), proposal.hand, as_cells(cells), as_protocol(protocol)
+    folder, cells, protocol = Path(folder), as_cells(cells), as_protocol(protocol)
+    hand = executing_hand(proposal.hand, hand)
     if cells and not any(kind in proposal.grasp_types for _, kind in cells):
         possible = ", ".join(kind.name for kind in proposal.grasp_types) or "none"
         raise InputError(f"{hand.name} and the prior can make none of the types asked for. Possible types: {possible}.")
