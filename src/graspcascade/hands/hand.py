@@ -119,7 +119,7 @@ class Hand:
         digits: two or more by name, thumb first and then in anatomical order.
         actuators: what can be commanded; empty for a hand without `mjcf`.
         palm_bodies: bodies that count as palm.
-        places: contact places by name, ``<digit>_pad``, ``<digit>_end`` and ``<digit>_phalanx``.
+        places: contact places by name, ``<digit>_pad``, ``<digit>_end``, ``<digit>_phalanx`` and ``middle_side``.
         surface_points: further points of the surface, body and metres in its frame, by name.
         pregrasp_rad: angles of the open hand before closing; joints left out are zero.
         reach_m: widest side of an object that the opposing digits reach round, metres.
