@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..core.tasks import Tasks
 from ..core.taxonomy import GraspType
 from ..hands.hand import Hand
 from . import Proposal
+from .cascade.sampler import GraspSampler
 from .scorer import Scorer
 
 Array = NDArray[np.float64]
@@ -77,6 +79,17 @@ class Ranked(_Derived):
         if not 0.0 <= self.good_enough <= 1.0:
             raise InputError(f"good_enough must be 0 to 1, got {self.good_enough}")
         self._conditions(1)
+
+    @classmethod
+    def load(cls, folder: Path | str, **options: Any) -> Ranked:
+        """Load a cascade and the scorer beside it; options are fields of this class.
+
+        Raises:
+            InputError: there is no such folder, or it has no scorer.
+            FileFormatError: a file is truncated, foreign or of another kind.
+        """
+        cascade = GraspSampler.load(folder)
+        return cls(cascade, Scorer.load(folder), name=cascade.name, **options)
 
     def _conditions(self, n: int) -> Conditions:
         return Conditions.of(HOLD.physics, n, friction=self.friction, gain_factor=self.gain_factor)
