@@ -1,5 +1,6 @@
 """Damaged and hostile hand files and YAML grasps: read, or refused in one line, whatever was changed in them."""
 
+import copy
 import random
 import shutil
 import subprocess
@@ -23,9 +24,10 @@ VALUES: tuple[Any, ...] = (
     float("nan"), float("inf"), [], {}, [[]], [None], {"": None}, ["x"] * 3, [0.0] * 3, [1e308] * 4, list(range(50)),
 )  # fmt: skip
 SNIPPETS = (
-    b"\0", b"\xff\xfe", b"\t", b"\n", b": ", b"- ", b"'", b'"', b"{", b"]", b"[" * 2_000, b"{a: " * 50, b"- " * 50, b"&x ",
-    b"*x", b"<<: ", b"!!int ", b"!!python/name:os.system ", b"---\n", b"...\n", b"%YAML 9.9\n", b"1:" * 2_000, b"9" * 5_000,
-    b"e999", b".nan", b".inf", b"\\", b'"\\uD800"', "\N{PILE OF POO}\u202e\u0085".encode(), b"|\n", b"? ", b"#", b"1" * 200_000,
+    b"\0", b"\xff\xfe", b"\t", b"\n", b": ", b"- ", b"'", b'"', b"{", b"]", b"|\n", b"? ", b"#", b"\\", b'"\\uD800"',
+    b"[" * 2_000, b"{a: " * 50, b"- " * 50, b"&x ", b"*x", b"<<: ", b"!!int ", b"!!python/name:os.system ", b"---\n",
+    b"...\n", b"%YAML 9.9\n", b"1:" * 2_000, b"9" * 5_000, b"e999", b".nan", b".inf", b"1" * 200_000,
+    "\N{PILE OF POO}\u202e\u0085".encode(),
 )  # fmt: skip
 READ_ALL = """
 import resource, sys
@@ -66,7 +68,7 @@ def changed_values(path: Path, rng: random.Random) -> bytes:
         elif isinstance(inside, dict) and rng.random() < 0.1:
             inside[rng.choice(("", "x", "name", "1"))] = inside.pop(key)
         else:
-            inside[key] = rng.choice(VALUES)
+            inside[key] = copy.deepcopy(rng.choice(VALUES))
         if not data:
             break
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode()
@@ -78,16 +80,16 @@ def changed_bytes(path: Path, rng: random.Random) -> bytes:
     for _ in range(rng.choice((1, 1, 2, 8))):
         at, to = sorted(rng.randrange(len(content) + 1) for _ in range(2))
         to = min(to, at + 200)
-        content = rng.choice(
-            (
-                lambda: content[:at] + bytes([rng.randrange(256)]) + content[at + 1 :],
-                lambda: content[:at],
-                lambda: content[:at] + content[to:],
-                lambda: content[:to] + content[at:],
-                lambda: content[:at] + rng.choice(SNIPPETS) + content[at:],
-                lambda: content[:at] + rng.choice(SNIPPETS) + content[to:],
-            )
-        )()
+        piece = rng.choice(SNIPPETS)
+        changes = (
+            content[:at] + bytes([rng.randrange(256)]) + content[at + 1 :],
+            content[:at],
+            content[:at] + content[to:],
+            content[:to] + content[at:],
+            content[:at] + piece + content[at:],
+            content[:at] + piece + content[to:],
+        )
+        content = rng.choice(changes)
     return content
 
 

@@ -34,9 +34,9 @@ def dump_yaml(path: Path, data: Any, comment: str) -> None:
 def load_yaml(path: Path) -> Any:
     """Read plain data: text, numbers, true, false, null, lists, and mappings whose keys are text.
 
-    References, merge keys, tags, repeated keys and several documents are refused, and so are very large or deeply nested
-    files. Values are built from the parser's events and reading ends at the first that is refused: nothing is composed
-    or expanded before it is checked, where some small files take all memory or crash the interpreter.
+    References, merge keys, tags, repeated keys and several documents are refused, and so are very large or deeply
+    nested files. Values are built from the parser's events, and reading ends at the first that is refused: composed and
+    expanded before they are checked, some small files take all memory or crash the interpreter.
 
     Raises:
         InputError: there is no such file.
