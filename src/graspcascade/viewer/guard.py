@@ -81,8 +81,7 @@ class _Visitor(websockets.asyncio.server.ServerConnection):
             with contextlib.suppress(msgspec.MsgspecError, TypeError, ValueError, RecursionError):
                 message = _decode(raw if isinstance(raw, bytes) else b"")
                 if isinstance(message, _Camera) or all(self._takes(message.uuid, v) for v in message.updates.values()):
-                    # Written anew: a crafted message could be read another way than it was read here.
-                    return msgspec.msgpack.encode(message)
+                    return raw
 
 
 def is_own_page(headers: Headers, host: str, names: Sequence[str] = ()) -> bool:
