@@ -27,8 +27,9 @@ BRIEF = TrainingSpec(epochs=2, batch_size=64, validation_fraction=0.0)
 TINY = BuildSpec(
     seeds=replace(FEIX_SEEDS, per_type=8, most_draws=4),
     prior=replace(BRIEF, epochs=2000, metric_weight=1.0 / 0.002**2),
-    trials_per_cell=(24, 6),
+    trials_per_cell=(60, 12),
     cascade=CascadeTraining(learn_from="held", training=BRIEF),
+    least_chance=0.0,
     scorer=ScorerTraining(hidden=(16,), training=BRIEF),
     evaluation_per_cell=2,
 )

@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..core.errors import InputError, check_whole
 from ..core.families import FAMILIES
 from ..core.files import write_folder_staged, write_json
@@ -18,7 +20,7 @@ from ..nets import TrainingSpec
 from ..proposals import Proposal
 from ..proposals.cascade.sampler import GraspSampler
 from ..proposals.cascade.stages import FACTORIZATIONS
-from ..proposals.heuristic import SPREAD, Heuristic
+from ..proposals.heuristic import SPREAD, Heuristic, Placement
 from ..proposals.prior import PosturePrior
 from ..proposals.ranked import Disturbed, Ranked
 from ..proposals.scorer import Scorer
@@ -28,7 +30,7 @@ from .evaluate import evaluate
 from .learn import PRIOR_TRAINING, CascadeTraining, fit_cascade, fit_prior
 from .postures import LabelledPostures, export_postures, import_postures
 from .rounds import Pair
-from .scoring import ScorerTraining, fit_scorer
+from .scoring import ScorerTraining, fit_scorer, without_errors
 from .seeds import FEIX_SEEDS, SeedSpec, make_seeds
 
 SEEDS_FILE, PRIOR_FILE, MODEL_FOLDER = "seeds.csv", "prior.safetensors", "model"
@@ -48,13 +50,17 @@ class BuildSpec:
     """Seed postures."""
     prior: TrainingSpec = PRIOR_TRAINING
     """Training of the prior."""
-    trials_per_cell: tuple[int, ...] = (6000, 4000, 4000)
+    placement: Placement = SPREAD
+    """How far the heuristic's candidates are placed from where the paper's puts them."""
+    trials_per_cell: tuple[int, ...] = (3000, 3000, 3000)
     """Trials of each kind of object and type in each round: the first of the heuristic, the others of what the round
     before taught."""
     cascade: CascadeTraining = field(default_factory=CascadeTraining)
     """Training of the cascade after each round."""
     scorer: ScorerTraining = field(default_factory=ScorerTraining)
     """Training of the scorer after each round."""
+    least_chance: float = 0.7
+    """The cascade learns from successes to which the scorer gives at least this chance: those that were not luck."""
     evaluation_per_cell: int = 600
     """Trials of each kind of object and type in an evaluation."""
     seed: int = 0
@@ -65,6 +71,8 @@ class BuildSpec:
             raise InputError("a model needs at least one round of trials")
         for trials in self.trials_per_cell:
             check_whole("trials_per_cell", trials, 1, 10**7)
+        if not 0.0 <= self.least_chance < 1.0:
+            raise InputError(f"least_chance must be 0 to 1, 1 excluded, got {self.least_chance}")
         check_whole("evaluation_per_cell", self.evaluation_per_cell, 1, 10**7)
 
 
@@ -94,18 +102,23 @@ class Build:
         kinds = self.hand.possible(TAXONOMIES[self.spec.seeds.taxonomy].values())
         return tuple((family, kind) for family in FAMILIES.values() for kind in kinds)
 
-    def run(self) -> GraspSampler:
-        """Do all that is missing, and return the cascade of the last round; the scorer lies beside it."""
+    def run(self) -> tuple[GraspSampler, Scorer]:
+        """Do all that is missing, evaluations included, and return the cascade and scorer of the last round."""
+        trained = self.trained()
+        self.measured()
+        return trained
+
+    def trained(self) -> tuple[GraspSampler, Scorer]:
+        """Do all that is missing but for evaluations."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        proposal: Proposal = Heuristic(self.hand, self.prior(), SPREAD)
+        proposal: Proposal = Heuristic(self.hand, self.prior(), self.spec.placement)
         data: list[Dataset] = []
         for number in range(1, len(self.spec.trials_per_cell) + 1):
             data.append(self.collected(proposal, number))
             cascade, scorer = self.learned(data, number)
             # What has no chance at all teaches little; which that is, a scorer of the round before can say.
             proposal = Ranked(Disturbed(cascade), scorer, good_enough=0.3, most_draws=4, name="explored")
-        self.measured()
-        return GraspSampler.load(self.model(number))
+        return cascade, scorer
 
     def model(self, number: int) -> Path:
         """Name the folder of what a round and all before it taught."""
@@ -168,13 +181,10 @@ class Build:
                 done = sum(epoch for epoch, _ in latest.values())
                 self.report(f"cascade after round {number}", done, record.epochs * len(stages.stages))
 
-            cascade = fit_cascade(self.hand, join(data), stages, self.spec.cascade, tell, self.workers)
-            scorer = fit_scorer(
-                self.hand,
-                data,
-                self.spec.scorer,
-                lambda r: self.report(f"scorer after round {number}", r.epoch, r.epochs),
-            )
+            step = f"scorer after round {number}"
+            scorer = fit_scorer(self.hand, data, self.spec.scorer, lambda r: self.report(step, r.epoch, r.epochs))
+            likely = [likely_successes(each, scorer.scorer, self.spec.least_chance) for each in data]
+            cascade = fit_cascade(self.hand, join(likely), stages, self.spec.cascade, tell, self.workers)
 
             def write(path: Path) -> None:
                 cascade.save(path)
@@ -205,3 +215,16 @@ class Build:
                     out=self.folder / f"evaluation-{number}-{name}",
                     progress=lambda done, total, step=step: self.report(step, done, total),  # type: ignore[misc]
                 )
+
+
+def likely_successes(data: Dataset, scorer: Scorer, least_chance: float) -> Dataset:
+    """Select the type-faithful trials of a dataset to which a scorer, not knowing their errors, gives a chance."""
+    about = data.conditions
+    chance = scorer.chances(data.grasps, None if about is None else without_errors(about)).faithful
+    rows = np.flatnonzero(data.outcomes.faithful(data.grasps) & (chance >= least_chance))
+    return replace(
+        data,
+        grasps=data.grasps[rows],
+        outcomes=data.outcomes[rows],
+        conditions=None if about is None else about[rows],
+    )
