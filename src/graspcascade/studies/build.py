@@ -27,7 +27,7 @@ from ..proposals.scorer import Scorer
 from .collect import CollectionSpec, CollectionState, collect
 from .dataset import Dataset, join, load_dataset
 from .evaluate import evaluate
-from .learn import PRIOR_TRAINING, CascadeTraining, fit_cascade, fit_prior
+from .learn import PRIOR_TRAINING, CascadeTraining, case_of, fit_cascade, fit_prior
 from .postures import LabelledPostures, export_postures, import_postures
 from .rounds import Pair
 from .scoring import ScorerTraining, fit_scorer, without_errors
@@ -218,10 +218,19 @@ class Build:
 
 
 def likely_successes(data: Dataset, scorer: Scorer, least_chance: float) -> Dataset:
-    """Select the type-faithful trials of a dataset to which a scorer, not knowing their errors, gives a chance."""
+    """Select the type-faithful trials of a dataset to which a scorer, not knowing their errors, gives a chance.
+
+    Of cases (see `learn.case_of`) whose successes have less, the likelier half is selected.
+    """
     about = data.conditions
     chance = scorer.chances(data.grasps, None if about is None else without_errors(about)).faithful
-    rows = np.flatnonzero(data.outcomes.faithful(data.grasps) & (chance >= least_chance))
+    good = data.outcomes.faithful(data.grasps)
+    case = np.unique(data.grasps.tasks.column(lambda task: case_of(task, "site"), str), return_inverse=True)[1]
+    for number in range(case.max(initial=-1) + 1):
+        rows = good & (case == number)
+        if rows.any():
+            good[rows] = chance[rows] >= min(least_chance, float(np.median(chance[rows])))
+    rows = np.flatnonzero(good)
     return replace(
         data,
         grasps=data.grasps[rows],

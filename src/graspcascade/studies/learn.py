@@ -246,18 +246,12 @@ def repeat_rare(
         places: ``(n,)`` the chosen ones.
         most: most copies of one grasp.
         seed: picks which grasps get the one extra copy.
-        code: what makes an object another: its name, or its kind and the axis it is held along.
+        code: what makes an object another (see `case_of`).
 
     Returns:
         The places, each at least once, in order.
     """
-
-    def cell(task: Task) -> str:
-        kind = task.object.shape.kind
-        name = task.object.name if code == "label" else kind + (task.site.name if kind == "cylinder" else "")
-        return f"{task.grasp_type.name}/{name}"
-
-    cells = np.unique(grasps.tasks[places].column(cell, str), return_inverse=True)[1]
+    cells = np.unique(grasps.tasks[places].column(lambda task: case_of(task, code), str), return_inverse=True)[1]
     counts = np.bincount(cells)
     enough, rng = int(np.median(counts)), np.random.default_rng(seed)
     chosen = [places]
@@ -266,6 +260,18 @@ def repeat_rare(
         repeats, rest = divmod(min(enough, most * len(some)) - len(some), len(some))
         chosen += [np.repeat(some, repeats), rng.permutation(some)[:rest]]
     return np.sort(np.concatenate(chosen))
+
+
+def case_of(task: Task, code: ObjectCode) -> str:
+    """Name the case that a task is of: its type, and the object, told by its name or by what it asks of the hand.
+
+    That is its kind, for a cylinder the axis it is held along, and how many contacts the type asks of one so long.
+    """
+    if code == "label":
+        return "/".join((task.grasp_type.name, task.object.name))
+    kind = task.object.shape.kind
+    n_contacts = sum(task.length_m >= contact.from_length_m for contact in task.grasp_type.contacts)
+    return f"{task.grasp_type.name}/{kind}{task.site.name if kind == 'cylinder' else ''}/{n_contacts}"
 
 
 def _request(grasps: Grasps, outcomes: Outcomes, vocabulary: Vocabulary) -> Request:
