@@ -118,7 +118,8 @@ class Ranked(_Derived):
         return self.proposal.describe() | {"scorer": self.scorer.fingerprint(), "ranking": rule}
 
     def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:  # noqa: D102 (inherited)
-        return self.proposal.origin(kind, obj) | {"scorer": self.scorer.fingerprint()}
+        assumed = {"friction": self.friction, "gain_factor": self.gain_factor}
+        return self.proposal.origin(kind, obj) | {"scorer": self.scorer.fingerprint(), "assumed": assumed}
 
 
 @dataclass(frozen=True, eq=False)
