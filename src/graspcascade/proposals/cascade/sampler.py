@@ -254,7 +254,7 @@ def shipped_folders() -> dict[str, Path]:
 
 
 def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:
-    """Read the counts of an evaluation file, nothing where there is none.
+    """Read the counts of an evaluation file, nothing where there is none or its grasps were ranked.
 
     Raises:
         FileFormatError: the file is no evaluation, or names other weights or another choice of sizes.
@@ -264,6 +264,9 @@ def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:
     try:
         data = read_json(path)
         about = data.get("model_metadata", {})
+        if "ranking" in about:
+            # Rates of grasps that a scorer chose say nothing of the others.
+            return {}
         weights, sizes = about.get("weights"), about.get("sizes", sampler.size_mode)
         protocol, rates = str(data["protocol"]), {}
         for cell in data["cells"]:
