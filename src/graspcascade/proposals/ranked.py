@@ -44,6 +44,11 @@ class _Derived(Proposal):
         """Objects that the other is usually tried on."""
         return self.proposal.objects
 
+    @property
+    def takes_any_size(self) -> bool:
+        """Whether the other can be asked for objects of any size."""
+        return self.proposal.takes_any_size
+
 
 @dataclass(frozen=True, eq=False)
 class Ranked(_Derived):

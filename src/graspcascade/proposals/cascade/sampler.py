@@ -170,6 +170,11 @@ class GraspSampler(Proposal):
         """Objects that it knows, where it tells them by name, otherwise those of the catalogue."""
         return self.vocabulary.objects if self.factorization.object_code == "label" else super().objects
 
+    @property
+    def takes_any_size(self) -> bool:
+        """Whether objects of any size can be asked for: it does not tell objects by name."""
+        return self.factorization.object_code != "label"
+
     def fingerprint(self) -> str:
         """Compute a short digest of the weights."""
         digest = hashlib.sha256()
