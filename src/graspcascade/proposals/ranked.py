@@ -135,8 +135,10 @@ class Ranked(_Derived):
                 if each.chance >= max(FAIR, mean) and (each.grasp_type, each.side_axis) != (kind, side)
             ]
             likelier.sort(key=lambda each: (each.grasp_type != kind, -each.chance))
-            best = ", ".join(f"{each.grasp_type} by {each.side_axis} ({each.chance:.0%})" for each in likelier[:3])
-            which = f"{unlikely} of {len(chance)} {kind} grasps of {obj.name} by side {side}: chance below {FAIR:.0%}"
+            best = ", ".join(
+                f"{each.grasp_type} by {each.side_axis} ({100 * each.chance:.0f} %)" for each in likelier[:3]
+            )
+            which = f"{unlikely} of {len(chance)} {kind} grasps of {obj.name} by side {side}: chance below 50 %"
             if best or mean < FAIR:
                 which += f"; likelier: {best}" if best else "; no type or side of it reaches that"
             said.append(which)
@@ -166,6 +168,7 @@ class Ranked(_Derived):
 
 
 FAIR = 0.5
+"""Chance below which a user is told."""
 WORDS = {"good": 0.9, "fair": FAIR, "poor": 0.1, "none": 0.0}
 """What a type and side of an object are called from a mean chance on."""
 

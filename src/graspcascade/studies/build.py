@@ -268,7 +268,7 @@ _CARD = """\
 
 Asked for a grasp type and a box, cylinder or sphere, a cascade of three networks draws joint angles and the
 object's pose in the hand. A scorer estimates the chance that each grasp holds as its type asks, for a friction and
-a mass; what has less than {good_enough:.0%} is drawn again, up to {most_draws} times in all. Name its folder to use it:
+a mass; what has less than {good_enough:g} is drawn again, up to {most_draws} times in all. Name its folder to use it:
 
     graspcascade types box:32x41x60mm --model FOLDER
     graspcascade sample tripod box:32x41x60mm --model FOLDER
@@ -287,7 +287,7 @@ size. *Held* and *type-faithful* are rates in percent with 95 % intervals; raw g
 
 - Nothing was tried on hardware: all rates are of one simulator, with rigid objects of even density.
 - It knows boxes, cylinders and spheres, held through their centre by one of their sides, and no table and no arm.
-- A chance is an estimate, of an object whose place and size are not exactly known, as when a camera looked. With
+- A chance is an estimate, of an object whose place and size are a little off, as under protocol `varied`. With
   friction and masses beyond those above it is a guess.
 """
 
@@ -311,7 +311,7 @@ def model_card(model: Ranked, spec: BuildSpec, measured: Sequence[Measured]) -> 
         "hand": last.hand,
         "grasp types": f"{', '.join(last.by_type)} (taxonomy `{last.taxonomy}`)",
         "sizes learned from, mm": ", ".join(f"{kind} {sizes}" for kind, sizes in ranges.items()),
-        "trials learned from": f"{scorer['trials']} under protocol `{VARIED.name}`, in {number} rounds",
+        "trials learned from": f"{scorer['trials']} under protocol `{VARIED.name}`; rounds: {number}",
         "successes among them": f"{cascade['learned_from']} ({cascade['config']['learn_from']})",
         **{f"{name.replace('_', ' in ')} in them": f"{low:g} to {high:g}" for name, (low, high) in seen.items()},
         "calibration error of chances": f"{judged['calibration_error']:.3f} ({judged['n']} trials of other objects)",
