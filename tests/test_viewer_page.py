@@ -495,7 +495,7 @@ def test_a_ranked_model_is_asked_for_grasps_that_hold_at_a_friction_and_says_how
     visitor.change("assumed", 0.55)
     visitor.press("sample")
     visitor.hears("2 grasps sampled. ")  # and what the model has to say of them
-    assert "chance below 50%" in panel.message.content
+    assert "chance below 50" in panel.message.content
     assert "chance of success 45 %: <b>likely to fail</b>" in panel.about.content
     assert "at friction 0.55: 45 % on average. <b>Most such grasps are expected to fail.</b>" in panel.table.content
     asked = visitor.page.session.batch.metadata

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.intervals import Interval, wilson
 from ..formats.document import mapping
+from ..proposals.ranked import FAIR
 from .session import Session
 
 MEANING = {
@@ -24,8 +25,6 @@ MEANING = {
 }
 RARE = 0.3
 """A measured rate below this comes with a warning."""
-UNLIKELY = 0.5
-"""A chance below this does."""
 _COLOURS = {"held": "#2b8a3e", "unstable": "#5c5f66"}
 _FAILED = "#c92a2a"
 _PANEL = "padding:0 0.75em 0.5em;font-size:0.8em;line-height:1.45"
@@ -84,7 +83,7 @@ def grasp_html(session: Session, shown: str, *, playing: bool = False) -> str:
         protocol if playing else f'<span class="gc-verdict">{verdict}</span>',
     ]
     if np.isfinite(chance := float(session.grasp.probability[0])):
-        doubt = ": <b>likely to fail</b>" if chance < UNLIKELY else ""
+        doubt = ": <b>likely to fail</b>" if chance < FAIR else ""
         lines.insert(1, f'<span class="gc-chance">chance of success {chance_text(chance)}{doubt}</span>')
     return _fixed("<br>".join(lines), 5 + int(np.isfinite(session.batch.grasps.probability).any()))
 
@@ -126,7 +125,7 @@ def _chances_html(session: Session) -> str:
         return ""
     friction = mapping(session.batch.metadata.get("ranking")).get("friction")
     at = "" if friction is None else f" at friction {escape(str(friction))}"
-    doubt = ". <b>Most such grasps are expected to fail.</b>" if known.mean() < UNLIKELY else ""
+    doubt = ". <b>Most such grasps are expected to fail.</b>" if known.mean() < FAIR else ""
     return f'<div class="gc-chances">chance of success{at}: {chance_text(float(known.mean()))} on average{doubt}</div>'
 
 
