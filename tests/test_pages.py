@@ -18,7 +18,7 @@ PAGES = ["quickstart", "own_recordings", "formats", "own_hand", "protocol"]
 BLOCK = re.compile(r'^```(\w+)(?: title="([^"\n]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 RUN = ("sample", "trial", "export", "objects", "hands")
 """Commands that end within moments, without training, pages or pictures."""
-NOT_HERE = ("--picture", "my_hand", "--model model", "any_size", "menagerie", "my_prior")
+NOT_HERE = ("--picture", "my_hand", "--model model", "my_model", "likely.json", "menagerie", "my_prior")
 """Parts of commands that need more than the page's own files and the plain install."""
 
 
