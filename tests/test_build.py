@@ -79,7 +79,7 @@ def test_a_build_that_was_cut_off_goes_on_to_the_same_model(built: Path, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("change", "was"), [({"seed": 5}, "seed 0"), ({"trials_per_cell": (24, 7)}, r"trials_per_cell \[24, 6\]")]
+    ("change", "was"), [({"seed": 5}, "seed 0"), ({"trials_per_cell": (24, 7)}, r"trials_per_cell \[60, 12\]")]
 )
 def test_other_arguments_do_not_go_on_with_a_build(built: Path, change: dict[str, Any], was: str) -> None:
     with pytest.raises(InputError, match=f"another build, with {was};"):
@@ -129,7 +129,7 @@ def test_a_model_card_has_the_rates_of_every_round_and_of_every_type_and_shape(b
 def tiny(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """Let the command line build in small; return its arguments, without the folder."""
     monkeypatch.setattr("graspcascade.cli.learning.BuildSpec", lambda **given: replace(TINY, **given))
-    return ["build", "--trials", 24, 6, "--evaluation", 2, "--workers", 1]
+    return ["build", "--trials", 60, 12, "--evaluation", 2, "--workers", 1]
 
 
 def test_the_command_prints_what_was_measured_by_round_and_where_the_model_is(
