@@ -34,8 +34,9 @@ BRIEF = TrainingSpec(epochs=2, batch_size=64, validation_fraction=0.0)
 TINY = BuildSpec(
     seeds=replace(FEIX_SEEDS, per_type=8, most_draws=4),
     prior=replace(BRIEF, epochs=2000, metric_weight=1.0 / 0.002**2),
-    trials_per_cell=(24, 6),
+    trials_per_cell=(60, 12),
     cascade=CascadeTraining(learn_from="held", training=BRIEF),
+    least_chance=0.0,
     scorer=ScorerTraining(hidden=(16,), training=BRIEF),
     evaluation_per_cell=2,
 )
@@ -78,7 +79,7 @@ def test_a_build_that_was_cut_off_goes_on_to_the_same_model(built: Path, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("change", "was"), [({"seed": 5}, "seed 0"), ({"trials_per_cell": (24, 7)}, r"trials_per_cell \[24, 6\]")]
+    ("change", "was"), [({"seed": 5}, "seed 0"), ({"trials_per_cell": (60, 13)}, r"trials_per_cell \[60, 12\]")]
 )
 def test_other_arguments_do_not_go_on_with_a_build(built: Path, change: dict[str, Any], was: str) -> None:
     with pytest.raises(InputError, match=f"another build, with {was};"):
@@ -128,7 +129,7 @@ def test_a_model_card_has_the_rates_of_every_round_and_of_every_type_and_shape(b
 def tiny(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """Let the command line build in small; return its arguments, without the folder."""
     monkeypatch.setattr("graspcascade.cli.learning.BuildSpec", lambda **given: replace(TINY, **given))
-    return ["build", "--trials", 24, 6, "--evaluation", 2, "--workers", 1]
+    return ["build", "--trials", 60, 12, "--evaluation", 2, "--workers", 1]
 
 
 def test_the_command_prints_what_was_measured_by_round_and_where_the_model_is(

@@ -24,14 +24,16 @@ from graspcascade.hands import load_hand
 from graspcascade.nets import TrainingSpec, load_decoders, save_decoders
 from graspcascade.proposals.heuristic import Heuristic
 from graspcascade.proposals.ranked import Disturbed, Ranked
-from graspcascade.proposals.scorer import Scorer, View
+from graspcascade.proposals.scorer import Scorer, Sight, View
 from graspcascade.studies.dataset import Dataset
 from graspcascade.studies.scoring import FittedScorer, Judgement, ScorerTraining, fit_scorer, without_errors
 
 HAND = load_hand("shadow")
 KINDS = [GRASP_TYPES["tripod"], GRASP_TYPES["tip_pinch"]]
 VIEW = View.of(HAND, [kind.name for kind in KINDS])
-BRIEF = ScorerTraining((1.0, 0.5), True, (64,), TrainingSpec(epochs=30, batch_size=128, validation_fraction=0.0))
+BRIEF = ScorerTraining(
+    Sight(closings=(1.0, 0.5)), (64,), TrainingSpec(epochs=30, batch_size=128, validation_fraction=0.0)
+)
 
 
 def drawn(n: int, seed: int = 0) -> Grasps:
@@ -107,10 +109,27 @@ def test_friction_mass_gains_and_certainty_are_seen() -> None:
     for place, name in enumerate(("friction", "density_factor", "gain_factor")):
         about = Conditions.of(HOLD.physics, n, **{name: getattr(HOLD.physics, name) * 1.5})
         changed = (VIEW.encode(HAND, grasps, about, is_exact=False) != base).any(axis=0)
-        assert np.flatnonzero(changed).tolist() == [VIEW.width - 4 + place]
+        assert np.flatnonzero(changed).tolist() == [VIEW.width(HAND) - 4 + place]
     certain = (VIEW.encode(HAND, grasps, plain(n), is_exact=True) != base).any(axis=0)
-    assert np.flatnonzero(certain).tolist() == [VIEW.width - 1]
-    assert base.shape == (n, VIEW.width)
+    assert np.flatnonzero(certain).tolist() == [VIEW.width(HAND) - 1]
+    assert base.shape == (n, VIEW.width(HAND))
+
+
+@pytest.mark.parametrize("sight", [Sight("shape"), Sight(gradients=False), Sight(conditions=False)])
+def test_every_sight_has_the_width_that_it_says(sight: Sight) -> None:
+    view, grasps = replace(VIEW, sight=sight), drawn(2)
+    seen, lighter = (
+        view.encode(HAND, grasps, Conditions.of(HOLD.physics, len(grasps), density_factor=factor), is_exact=True)
+        for factor in (1.0, 0.5)
+    )
+    assert seen.shape == (len(grasps), view.width(HAND))
+    assert (seen == lighter).all() == (not sight.conditions)
+
+
+@pytest.mark.parametrize("closings", [(), (1.2,), (0.5, -0.1)])
+def test_a_closing_is_a_share_of_the_way(closings: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="closings from 0 to 1"):
+        Sight(closings=closings)
 
 
 # What it learns
@@ -176,7 +195,7 @@ def test_a_doctored_scorer_is_refused_in_one_line(fitted: FittedScorer, tmp_path
 
 
 def test_a_view_that_the_weights_do_not_fit_is_refused(fitted: FittedScorer, tmp_path: Path) -> None:
-    narrower = replace(fitted.scorer, view=replace(fitted.scorer.view, closings=(1.0,)))
+    narrower = replace(fitted.scorer, view=replace(fitted.scorer.view, sight=Sight(closings=(1.0,))))
     narrower.save(tmp_path)
     with pytest.raises(FileFormatError, match="weights do not fit"):
         Scorer.load(tmp_path)

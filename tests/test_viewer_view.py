@@ -64,6 +64,7 @@ def test_a_port_in_use_is_refused(capsys: pytest.CaptureFixture[str], taken: int
         (("--grasp-type", "tripood"), ("tripood", "Did you mean 'tripod'")),
         (("--object", "box_medum"), ("box_medum", "Did you mean 'box_medium'")),
         (("--side-axis", "w"), ("side axis",)),
+        (("--allow-host", "http://lab.example"), ("host to allow", "http://lab.example")),
         (("--friction", -1), ("friction must be between",)),
         (("no_such_file.json",), ("no_such_file.json",)),
         (("some.json", "--n", 3), ("not both", "some.json", "n")),

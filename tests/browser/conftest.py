@@ -28,6 +28,7 @@ FLAGS = (
     "--disable-dev-shm-usage",
     "--disable-quic",
     "--no-first-run",
+    "--host-resolver-rules=MAP rebound.example 127.0.0.1",  # a name that its owner points at this machine
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",

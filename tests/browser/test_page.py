@@ -4,7 +4,10 @@ import json
 import os
 import re
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +17,7 @@ if not os.environ.get("CI"):  # where everything must run, a missing package is 
     pytest.importorskip("viser")
     pytest.importorskip("selenium")
 
+import viser
 from driver import Browser
 
 from graspcascade.core.outcomes import VERDICTS
@@ -185,6 +189,50 @@ def test_two_browsers_at_once_do_not_disturb_each_other(
     assert set(verdicts) == {"first", "second"}
     assert "1 of 1" in browser.text(".gc-rate") or "0 of 1" in browser.text(".gc-rate")
     assert [len(one.rows()) for one in (browser, second_browser)] == [4, 2]
+
+
+CONNECT = """
+const [address, protocol, done] = arguments;
+const socket = new WebSocket(address, [protocol]);
+socket.onopen = () => { socket.close(); done("open"); };
+socket.onerror = () => done("refused");
+"""
+
+
+@pytest.fixture
+def foreign_site(tmp_path: Path) -> Iterator[str]:
+    """Serve a folder as another site would, from another port: that alone makes an origin another one."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(SimpleHTTPRequestHandler, directory=str(tmp_path)))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}"
+    server.shutdown()
+    server.server_close()
+
+
+def test_another_sites_page_can_neither_connect_nor_show_the_page(
+    browser: Browser, address: str, foreign_site: str, tmp_path: Path
+) -> None:
+    (tmp_path / "index.html").write_text(f'<title>foreign</title><iframe src="{address}"></iframe>')
+    asked = (address.replace("http", "ws"), f"viser-v{viser.__version__}")
+    browser.open(address)
+    assert browser.chrome.execute_async_script(CONNECT, *asked) == "open"
+    browser.complaints()
+    browser.chrome.get(foreign_site)
+    assert browser.chrome.title == "foreign"
+    assert browser.chrome.execute_async_script(CONNECT, *asked) == "refused"
+    complaints = browser.complaints()
+    for reason in ("X-Frame-Options", "Unexpected response code: 403"):
+        assert [line for line in complaints if reason in line]
+
+
+def test_a_name_pointed_at_this_machine_shows_nothing_and_cannot_connect(browser: Browser, address: str) -> None:
+    rebound = address.replace("127.0.0.1", "rebound.example")
+    browser.chrome.get(rebound)
+    assert "Refused" in browser.text("body")
+    asked = (rebound.replace("http", "ws"), f"viser-v{viser.__version__}")
+    assert browser.chrome.execute_async_script(CONNECT, *asked) == "refused"
+    browser.open(address.replace("127.0.0.1", "localhost"))
+    browser.complaints()
 
 
 def test_a_standalone_page_draws_without_a_server(browser: Browser, start: Start, tmp_path: Path) -> None:

@@ -184,6 +184,8 @@ class View:
     """Address to listen on; anyone who reaches it can use the page."""
     port: int = 8080
     """Port to listen on, 0 for any free one."""
+    allow_host: tuple[str, ...] = ()
+    """More host names to answer to, such as a proxy's; without them, localhost and --host."""
     html: Path | None = None
     """Write a standalone page to this file and serve nothing."""
 
@@ -202,7 +204,7 @@ class View:
             return
         from ..viewer.server import close_server, serve
 
-        server = serve(start, self.host, self.port)
+        server = serve(start, self.host, self.port, self.allow_host)
         host = f"[{self.host}]" if ":" in self.host else self.host
         print(f"http://{host}:{server.get_port()} shows the page; Ctrl-C ends it", flush=True)
         # Ctrl-C is how a server is meant to end.

@@ -317,7 +317,7 @@ def place(where: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise type(error)(f"{before}{error}") from error
+        raise type(error)(f"{before}{str(error)[:1000]}") from error
     except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         raise FileFormatError(f"{before}damaged, or laid out in a way that is not read") from error
 

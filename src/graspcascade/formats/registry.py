@@ -82,7 +82,8 @@ def _is_isaac(path: Path) -> bool:
     if path.is_dir():
         return bool(yaml_files(path))
     with path.open("rb") as file:
-        return b"isaac_grasp" in b"".join(line for line in file if not line.lstrip().startswith(b"#"))[:4096]
+        lines = file.read(100_000).splitlines()
+    return b"isaac_grasp" in b"".join(line for line in lines if not line.lstrip().startswith(b"#"))[:4096]
 
 
 def _holds_a_list(path: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -148,11 +149,11 @@ def read_hand_file(path: Path) -> Hand:
         raw, folder = _raw(path)
         record = msgspec.convert(raw, _HandFile)
     except (msgspec.ValidationError, FileFormatError) as error:
-        raise FileFormatError(f"{path}: not a hand file: {error}") from error
+        raise FileFormatError(f"{path}: not a hand file: {str(error)[:1000]}") from error
     try:
         return _build(record, folder / record.mjcf)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{path}: {str(error)[:1000]}") from error
 
 
 _read_shipped = lru_cache(maxsize=8)(read_hand_file)
@@ -252,11 +253,11 @@ def _check_record(record: _HandFile) -> None:
     if not 0.001 <= record.reach_m <= _MOST_REACH_M:
         raise InputError(f"reach_m must be 0.001 to {_MOST_REACH_M} m, got {record.reach_m:g}")
     for name, place in record.places.items():
-        length = float(np.linalg.norm(place.normal))
+        length = math.hypot(*place.normal)
         if not abs(length - 1.0) <= 1e-3:
             raise InputError(f"the normal of {name} has length {length:.3g}; it must be 1")
     for entry, point in record.points.items():
-        far = float(np.linalg.norm(point.point_m))
+        far = math.hypot(*point.point_m)
         if not far <= _FURTHEST_POINT_M:
             hint = "; this looks like millimetres" if far > 1.0 else ""
             raise InputError(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..core.distances import signed_distances
 from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
-from ..core.objects import Shape
+from ..core.objects import SHAPES, Shape
 from ..core.poses import Pose, quat_multiply, quat_to_matrix
 from ..core.protocols import HOLD, Conditions
 from ..hands.hand import Hand
@@ -29,34 +29,52 @@ Seen = dict[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
+class Sight:
+    """Say what a scorer sees of a grasp beside its type."""
+
+    geometry: Literal["distances", "shape"] = "distances"
+    """Distances from points of the hand to the object; or the posture, and the object's pose, shape and extents."""
+    closings: tuple[float, ...] = (1.0, 0.6)
+    """Shares of the way from open hand to posture at which distances are measured."""
+    gradients: bool = True
+    """Whether at the first of these the distances' gradients, in the hand frame, are seen as well."""
+    conditions: bool = True
+    """Whether friction, mass and gains are seen."""
+
+    def __post_init__(self) -> None:
+        if not self.closings or not all(0.0 <= closing <= 1.0 for closing in self.closings):
+            raise InputError(f"a scorer looks at closings from 0 to 1, at least one, got {self.closings}")
+
+
+@dataclass(frozen=True)
 class View:
-    """Say what a scorer sees of a grasp.
+    """Encode grasps as a scorer sees them.
 
     Attributes:
         grasp_types: names of the types, in the order of its inputs.
         points: bodies of the hand, and points of their surfaces in the bodies' frames, metres.
-        closings: shares of the way from the open hand to the posture at which distances are measured.
-        gradients: whether at the first of these the distances' gradients, in the hand frame, are seen as well.
+        sight: what is seen.
     """
 
     grasp_types: tuple[str, ...]
     points: tuple[tuple[str, tuple[float, float, float]], ...]
-    closings: tuple[float, ...] = (1.0, 0.75, 0.5)
-    gradients: bool = True
+    sight: Sight = field(default_factory=Sight)
 
     @classmethod
-    def of(cls, hand: Hand, grasp_types: Sequence[str]) -> View:
+    def of(cls, hand: Hand, grasp_types: Sequence[str], sight: Sight | None = None) -> View:
         """See with all contact places and surface points of a hand."""
         places = [(place.body, place.point_m) for place in hand.places.values()]
-        return cls(tuple(grasp_types), (*places, *hand.surface_points.values()))
+        return cls(tuple(grasp_types), (*places, *hand.surface_points.values()), sight or Sight())
 
-    @property
-    def width(self) -> int:
+    def width(self, hand: Hand) -> int:
         """Count the columns that `encode` makes."""
-        return len(self.points) * (len(self.closings) + 3 * self.gradients) + len(self.grasp_types) + 4
+        sight = self.sight
+        measured = len(self.points) * (len(sight.closings) + 3 * sight.gradients)
+        shape = len(hand.joint_names) + 12 + len(SHAPES) + 3
+        return (measured if sight.geometry == "distances" else shape) + len(self.grasp_types) + 4
 
     def encode(self, hand: Hand, grasps: Grasps, conditions: Conditions, *, is_exact: bool) -> NDArray[np.float32]:
-        """Encode what is seen of grasps as columns ``(n, width)``.
+        """Encode what is seen of grasps as columns ``(n, width)``: geometry, type, conditions, exactness.
 
         Args:
             hand: the hand that the grasps are of.
@@ -65,27 +83,42 @@ class View:
             is_exact: whether that is known exactly; otherwise it is off by an unknown error as under `varied`.
         """
         tasks, n = grasps.tasks, len(grasps)
-        shapes: list[Shape] = [task.object.shape for task in tasks.table]
         pose = grasps.X_hand_object
         if conditions.rotation_error_rad.any():
             pose = Pose(pose.position_m, quat_multiply(conditions.rotation_error_quat_wxyz, pose.quat_wxyz))
-        rotation = quat_to_matrix(pose.quat_wxyz).astype(np.float32)
-        origin = pose.position_m + conditions.position_error_m
-        open_hand, posture = grasps.pregrasp, hand.executed(grasps.posture)
-        parts: list[NDArray[Any]] = []
-        for closing in self.closings:
-            angles = posture if closing == 1.0 else open_hand + closing * (posture - open_hand)
-            points = hand.points(angles, self.points)
-            seen = np.matmul((points - origin[:, None]).astype(np.float32), rotation)
-            measured = signed_distances(shapes, tasks.row, seen, gradients=self.gradients and not parts)
-            parts.append(measured.distance_m - np.float32(0.5) * conditions.size_error_m[:, None].astype(np.float32))
-            if measured.gradient is not None:
-                parts.append(np.matmul(measured.gradient, rotation.transpose(0, 2, 1)).reshape(n, -1))
+        pose = Pose(pose.position_m + conditions.position_error_m, pose.quat_wxyz)
+        see = self._distances if self.sight.geometry == "distances" else self._shape
         mass_kg = tasks.column(lambda task: task.object.mass_kg, np.float64) * conditions.density_factor
         known = [self.grasp_types.index(task.grasp_type.name) for task in tasks.table]
         types = np.eye(len(self.grasp_types), dtype=np.float32)[known][tasks.row]
-        numbers = (conditions.friction, np.log(mass_kg), np.log(conditions.gain_factor), np.full(n, float(is_exact)))
-        return np.concatenate([*parts, types, np.stack(numbers, axis=1)], axis=1, dtype=np.float32, casting="same_kind")
+        numbers = np.stack([conditions.friction, np.log(mass_kg), np.log(conditions.gain_factor)], axis=1)
+        parts = [*see(hand, grasps, pose, conditions.size_error_m), types, numbers * self.sight.conditions]
+        exact = np.full((n, 1), float(is_exact))
+        return np.concatenate([*parts, exact], axis=1, dtype=np.float32, casting="same_kind")
+
+    def _distances(self, hand: Hand, grasps: Grasps, pose: Pose, larger_m: Array) -> list[NDArray[Any]]:
+        tasks, posture = grasps.tasks, hand.executed(grasps.posture)
+        shapes: list[Shape] = [task.object.shape for task in tasks.table]
+        rotation, grown = (
+            quat_to_matrix(pose.quat_wxyz).astype(np.float32),
+            (0.5 * larger_m)[:, None].astype(np.float32),
+        )
+        parts: list[NDArray[Any]] = []
+        for closing in self.sight.closings:
+            angles = posture if closing == 1.0 else grasps.pregrasp + closing * (posture - grasps.pregrasp)
+            points = hand.points(angles, self.points)
+            seen = np.matmul((points - pose.position_m[:, None]).astype(np.float32), rotation)
+            measured = signed_distances(shapes, tasks.row, seen, gradients=self.sight.gradients and not parts)
+            parts.append(measured.distance_m - grown)
+            if measured.gradient is not None:
+                parts.append(np.matmul(measured.gradient, rotation.transpose(0, 2, 1)).reshape(len(grasps), -1))
+        return parts
+
+    def _shape(self, hand: Hand, grasps: Grasps, pose: Pose, larger_m: Array) -> list[NDArray[Any]]:
+        tasks, turn = grasps.tasks, quat_to_matrix(pose.quat_wxyz).reshape(len(grasps), 9)
+        kinds = tasks.column(lambda task: [task.object.shape.kind == kind for kind in SHAPES], np.float64)
+        extents = tasks.column(lambda task: task.object.extents_m, np.float64) + larger_m[:, None]
+        return [hand.executed(grasps.posture), pose.position_m, turn, kinds, extents]
 
 
 @dataclass(frozen=True)
@@ -177,7 +210,7 @@ class Scorer:
             hand.points(hand.pregrasp[None], view.points)
         except (KeyError, TypeError, InputError, msgspec.ValidationError) as error:
             raise FileFormatError(f"{path} lacks or garbles {error}") from error
-        spec = stored.decoders[_DECODER].spec
-        if (spec.condition_dim, spec.target_dim, spec.latent_dim) != (view.width, 2, 0):
+        spec, scorer = stored.decoders[_DECODER].spec, cls(hand, view, stored.decoders[_DECODER], training)
+        if (spec.target_dim, spec.latent_dim) != (2, 0) or spec.condition_dim != view.width(hand):
             raise FileFormatError(f"{path}: its weights do not fit what it says to see")
-        return cls(hand, view, stored.decoders[_DECODER], training)
+        return scorer

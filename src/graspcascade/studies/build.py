@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..core.errors import InputError, check_whole, shortened
 from ..core.families import FAMILIES
 from ..core.files import holds_nothing, read_json, sole_writer, write_folder_staged, write_json, write_text
@@ -16,9 +18,9 @@ from ..engines import Engine, as_engine
 from ..hands import Hand
 from ..nets import TrainingSpec
 from ..proposals import Proposal
-from ..proposals.cascade.sampler import EVALUATION_FILE, GraspSampler
+from ..proposals.cascade.sampler import GraspSampler
 from ..proposals.cascade.stages import FACTORIZATIONS
-from ..proposals.heuristic import SPREAD, Heuristic
+from ..proposals.heuristic import SPREAD, Heuristic, Placement
 from ..proposals.prior import PosturePrior
 from ..proposals.ranked import Disturbed, Ranked
 from ..proposals.scorer import Scorer
@@ -29,7 +31,7 @@ from .learn import PRIOR_TRAINING, CascadeTraining, fit_cascade, fit_prior
 from .postures import LabelledPostures, export_postures, import_postures
 from .record import Evaluation, Tally
 from .rounds import Pair, cell_name
-from .scoring import ScorerTraining, fit_scorer
+from .scoring import ScorerTraining, fit_scorer, without_errors
 from .seeds import FEIX_SEEDS, SeedSpec, make_seeds, seedable
 
 SEEDS_FILE, PRIOR_FILE, MODEL_FOLDER = "seeds.csv", "prior.safetensors", "model"
@@ -50,13 +52,17 @@ class BuildSpec:
     """Seed postures."""
     prior: TrainingSpec = PRIOR_TRAINING
     """Training of the prior."""
-    trials_per_cell: tuple[int, ...] = (6000, 4000, 4000)
+    placement: Placement = SPREAD
+    """How far the heuristic's candidates are placed from where the paper's puts them."""
+    trials_per_cell: tuple[int, ...] = (3000, 3000, 3000)
     """Trials of each kind of object and type in each round: the first of the heuristic, the others of what the round
     before taught."""
     cascade: CascadeTraining = field(default_factory=CascadeTraining)
     """Training of the cascade after each round."""
     scorer: ScorerTraining = field(default_factory=ScorerTraining)
     """Training of the scorer after each round."""
+    least_chance: float = 0.7
+    """The cascade learns from successes to which the scorer gives at least this chance: those that were not luck."""
     evaluation_per_cell: int = 600
     """Trials of each kind of object and type in an evaluation."""
     seed: int = 0
@@ -67,6 +73,8 @@ class BuildSpec:
             raise InputError("a model needs at least one round of trials")
         for trials in self.trials_per_cell:
             check_whole("trials_per_cell", trials, 1, 10**7)
+        if not 0.0 <= self.least_chance < 1.0:
+            raise InputError(f"least_chance must be 0 to 1, 1 excluded, got {self.least_chance}")
         check_whole("evaluation_per_cell", self.evaluation_per_cell, 1, 10**7)
 
 
@@ -109,31 +117,32 @@ class Build:
         kinds = seedable(self.hand, self.spec.seeds.taxonomy)
         return tuple((family, kind) for family in FAMILIES.values() for kind in kinds)
 
-    def run(self) -> GraspSampler:
-        """Do all that is missing, and return the cascade of the last round; the scorer lies beside it.
+    def run(self) -> tuple[GraspSampler, Scorer]:
+        """Do all that is missing, evaluations included, and return the cascade and scorer of the last round.
 
         Raises:
             InputError: the folder holds another build or something else, or the hand can make no type or has joints of
                 which no human statistics are known (see `seeds.seedable`).
         """
+        trained = self.trained()
+        self.measured()
+        return trained
+
+    def trained(self) -> tuple[GraspSampler, Scorer]:
+        """Do all that is missing but for evaluations; errors are those of `run`."""
         with sole_writer(self.folder):
             self._claim()
-            return self._build()
+            return self._trained()
 
-    def _build(self) -> GraspSampler:
-        proposal: Proposal = Heuristic(self.hand, self.prior(), SPREAD)
+    def _trained(self) -> tuple[GraspSampler, Scorer]:
+        proposal: Proposal = Heuristic(self.hand, self.prior(), self.spec.placement)
         data: list[Dataset] = []
         for number in range(1, len(self.spec.trials_per_cell) + 1):
             data.append(self.collected(proposal, number))
             cascade, scorer = self.learned(data, number)
             # What has no chance at all teaches little; which that is, a scorer of the round before can say.
             proposal = Ranked(Disturbed(cascade), scorer, good_enough=0.3, most_draws=4, name="explored")
-        self._measure()
-        measured = self.evaluations()
-        for number in range(1, len(self.spec.trials_per_cell) + 1):
-            until = [each for each in measured if each.round <= number]
-            write_text(self.model(number) / CARD_FILE, model_card(Ranked.load(self.model(number)), self.spec, until))
-        return GraspSampler.load(self.model(number))
+        return cascade, scorer
 
     def _claim(self) -> None:
         """Keep the arguments in the folder, or compare them with those kept there."""
@@ -141,7 +150,8 @@ class Build:
         own = json.loads(json.dumps(about | asdict(self.spec)))
         path = self.folder / BUILD_FILE
         if not path.is_file():
-            if not holds_nothing(self.folder):
+            # What Python code did step by step is gone on with; postures of other making are not.
+            if not holds_nothing(self.folder) and not (self.folder / "round-1").is_dir():
                 raise InputError(f"{self.folder} holds something else; give a new or empty folder")
             write_json(path, own)
         kept = read_json(path)
@@ -210,13 +220,10 @@ class Build:
                 done = sum(epoch for epoch, _ in latest.values())
                 self.report(f"cascade after round {number}", done, record.epochs * len(stages.stages))
 
-            cascade = fit_cascade(self.hand, join(data), stages, self.spec.cascade, tell, self.workers)
-            scorer = fit_scorer(
-                self.hand,
-                data,
-                self.spec.scorer,
-                lambda r: self.report(f"scorer after round {number}", r.epoch, r.epochs),
-            )
+            step = f"scorer after round {number}"
+            scorer = fit_scorer(self.hand, data, self.spec.scorer, lambda r: self.report(step, r.epoch, r.epochs))
+            likely = [likely_successes(each, scorer.scorer, self.spec.least_chance) for each in data]
+            cascade = fit_cascade(self.hand, join(likely), stages, self.spec.cascade, tell, self.workers)
 
             def write(path: Path) -> None:
                 cascade.save(path)
@@ -226,12 +233,28 @@ class Build:
             write_folder_staged(folder, write)
         return GraspSampler.load(folder), Scorer.load(folder)
 
-    def evaluations(self) -> tuple[Measured, ...]:
-        """Read what was measured of the models of all rounds."""
-        return tuple(
-            Measured(number, grasps, Evaluation.load(self._evaluation(number, grasps, protocol) / EVALUATION_FILE))
-            for number, grasps, protocol in self._tries()
-        )
+    def measured(self) -> tuple[Measured, ...]:
+        """Evaluate what every round taught, as far as that is missing, and write a card of each model."""
+        done: list[Measured] = []
+        for number, grasps, protocol in self._tries():
+            cascade, scorer = GraspSampler.load(self.model(number)), Scorer.load(self.model(number))
+            step = f"{grasps} grasps of round {number} under {protocol.name}"
+            evaluation = evaluate(
+                cascade if grasps == "raw" else Ranked(cascade, scorer),
+                protocol=protocol,
+                hand=self.hand,
+                per_cell=self.spec.evaluation_per_cell,
+                cells=self.cells,
+                seed=self.spec.seed + 1,
+                engine=self.engine,
+                out=self.folder / f"evaluation-{number}-{grasps}-{protocol.name}",
+                progress=lambda done, total, step=step: self.report(step, done, total),  # type: ignore[misc]
+            )
+            done.append(Measured(number, grasps, evaluation))
+        for number in range(1, len(self.spec.trials_per_cell) + 1):
+            card = model_card(Ranked.load(self.model(number)), self.spec, [one for one in done if one.round <= number])
+            write_text(self.model(number) / CARD_FILE, card)
+        return tuple(done)
 
     def _tries(self) -> Iterator[tuple[int, str, Protocol]]:
         """List round, grasps and protocol of every evaluation."""
@@ -240,25 +263,18 @@ class Build:
             yield number, "ranked", HOLD
         yield number, "ranked", VARIED
 
-    def _evaluation(self, number: int, grasps: str, protocol: Protocol) -> Path:
-        return self.folder / f"evaluation-{number}-{grasps}-{protocol.name}"
 
-    def _measure(self) -> None:
-        """Evaluate what every round taught."""
-        for number, grasps, protocol in self._tries():
-            cascade, scorer = GraspSampler.load(self.model(number)), Scorer.load(self.model(number))
-            step = f"{grasps} grasps of round {number} under {protocol.name}"
-            evaluate(
-                cascade if grasps == "raw" else Ranked(cascade, scorer),
-                protocol=protocol,
-                hand=self.hand,
-                per_cell=self.spec.evaluation_per_cell,
-                cells=self.cells,
-                seed=self.spec.seed + 1,
-                engine=self.engine,
-                out=self._evaluation(number, grasps, protocol),
-                progress=lambda done, total, step=step: self.report(step, done, total),  # type: ignore[misc]
-            )
+def likely_successes(data: Dataset, scorer: Scorer, least_chance: float) -> Dataset:
+    """Select the type-faithful trials of a dataset to which a scorer, not knowing their errors, gives a chance."""
+    about = data.conditions
+    chance = scorer.chances(data.grasps, None if about is None else without_errors(about)).faithful
+    rows = np.flatnonzero(data.outcomes.faithful(data.grasps) & (chance >= least_chance))
+    return replace(
+        data,
+        grasps=data.grasps[rows],
+        outcomes=data.outcomes[rows],
+        conditions=None if about is None else about[rows],
+    )
 
 
 # The model card
@@ -312,7 +328,7 @@ def model_card(model: Ranked, spec: BuildSpec, measured: Sequence[Measured]) -> 
         "grasp types": f"{', '.join(last.by_type)} (taxonomy `{last.taxonomy}`)",
         "sizes learned from, mm": ", ".join(f"{kind} {sizes}" for kind, sizes in ranges.items()),
         "trials learned from": f"{scorer['trials']} under protocol `{VARIED.name}`; rounds: {number}",
-        "successes among them": f"{cascade['learned_from']} ({cascade['config']['learn_from']})",
+        "the cascade from": f"{cascade['learned_from']} of them, type-faithful, chance from {spec.least_chance:g}",
         **{f"{name.replace('_', ' in ')} in them": f"{low:g} to {high:g}" for name, (low, high) in seen.items()},
         "calibration error of chances": f"{judged['calibration_error']:.3f} ({judged['n']} trials of other objects)",
         "seeds": f"trials {spec.seed}, evaluations {last.seed}",

@@ -20,7 +20,7 @@ from ..core.protocols import HOLD, Conditions
 from ..hands import Hand
 from ..nets import EpochRecord, HeadSpec, NumpyDecoder, TrainingSpec, VaeSpec
 from ..nets.inference import Layer
-from ..proposals.scorer import Scorer, View
+from ..proposals.scorer import Scorer, Sight, View
 from .dataset import Dataset, shards_digest
 
 Array = NDArray[np.float64]
@@ -33,15 +33,13 @@ _BINS = 15
 class ScorerTraining:
     """Say what the scorer sees and how long it learns."""
 
-    closings: tuple[float, ...] = (1.0, 0.75, 0.5)
-    """Shares of the way from open hand to posture at which distances are measured."""
-    gradients: bool = True
-    """Whether the distances' gradients at the posture are seen as well."""
+    sight: Sight = field(default_factory=Sight)
+    """What the scorer sees."""
     hidden: tuple[int, ...] = (256, 128)
     """Widths of the hidden layers."""
     training: TrainingSpec = field(
         default_factory=lambda: TrainingSpec(
-            epochs=20, max_steps=12_000, batch_size=1024, learning_rate=2e-3, weight_decay=1e-3, validation_fraction=0.0
+            epochs=20, max_steps=12_000, batch_size=512, learning_rate=2e-3, weight_decay=1e-3, validation_fraction=0.0
         )
     )
     """The training loop."""
@@ -114,7 +112,7 @@ def fit_scorer(
     if not datasets or any(each.grasps.hand != hand.name for each in datasets):
         raise InputError(f"a scorer learns from datasets of {hand.name}, at least one")
     kinds = list(dict.fromkeys(task.grasp_type for each in datasets for task in each.grasps.tasks.distinct))
-    view = replace(View.of(hand, [kind.name for kind in kinds]), closings=config.closings, gradients=config.gradients)
+    view = View.of(hand, [kind.name for kind in kinds], config.sight)
     known, said, happened, share = [], [], [], []
     tried: dict[str, list[Array]] = {"friction": [], "mass_g": []}
     for each in datasets:
@@ -128,7 +126,7 @@ def fit_scorer(
         tried["mass_g"].append(mass_g * about.density_factor)
     seen, events, shares = (np.concatenate(parts) for parts in ([*known, *said], happened * 2, share * 2))
     train, calibrate = shares >= 2 * HELD_OUT, shares < HELD_OUT
-    spec = VaeSpec(view.width, (HeadSpec("chance", 2),), latent_dim=0, hidden=config.hidden)
+    spec = VaeSpec(view.width(hand), (HeadSpec("chance", 2),), latent_dim=0, hidden=config.hidden)
     fitted = fit(spec, config.training, events[train].astype(np.float32), seen[train], progress=progress)
     decoder = calibrated(NumpyDecoder.from_fitted(fitted), seen[calibrate], events[calibrate])
     about_it: dict[str, Any] = {

@@ -12,13 +12,14 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import viser
 
-from ..core.errors import InputError, check_name
+from ..core.errors import InputError, check_name, shortened
 from ..core.objects import CATALOGUE, GraspObject, as_object
 from ..core.protocols import Protocol
 from ..core.taxonomy import GRASP_TYPES, as_type
 from ..formats import FORMATS_BY_NAME
 from ..hands import Hand
 from ..proposals import Proposal
+from .guard import Value
 from .recording import Frame, Recording
 from .session import VIEWS, Batch, SampleRequest, Session, measured, pack, sample_batch, with_friction
 from .shapes import SceneNodes
@@ -33,6 +34,7 @@ THIS, ALL = "this grasp", "all grasps"
 PREVIOUS, NEXT = "previous", "next"
 _FRAME_S = 0.04
 """Least time between two frames sent while a trial plays."""
+_MAX_TEXT = 200
 _VIEW_HINT = (
     "settled: where closing ended in physics; pregrasp: before closing; target: the joint angles commanded, which "
     "reach into the object and so squeeze it; trial: the moment below"
@@ -56,7 +58,7 @@ class Start:
 
 
 class Panel:
-    """The widgets of one browser; values that it sends are read as they come and checked where they are used."""
+    """The widgets of one browser; values that it sends must be of their kind, and are checked where they are used."""
 
     def __init__(self, gui: viser.GuiApi, start: Start) -> None:
         request, physics, schedule = start.request, start.protocol.physics, start.protocol.schedule
@@ -72,7 +74,6 @@ class Panel:
             self.size = gui.add_text("size", size, disabled=not own, hint=_SIZE_HINT)
             sides = side_choices(request.object, self.reach_m)
             self.side = gui.add_dropdown("held by", sides, hint="Side that the opposing digits span")
-            # As floats, so that whatever number a browser sends gets through to where it is checked.
             self.n = gui.add_number("n", float(request.n), step=1, hint="How many grasps")
             self.seed = gui.add_number("seed", float(request.seed), step=1, hint="The same seed gives the same grasps")
             self.measured = gui.add_html("")
@@ -83,7 +84,9 @@ class Panel:
             self.flip = gui.add_button_group("flip", (PREVIOUS, NEXT))
             self.view = gui.add_dropdown("show", (*VIEWS, TRIAL), hint=_VIEW_HINT)
         with gui.add_folder("Physics trial"):
-            self.friction = gui.add_number("friction", physics.friction, step=0.1, hint="Sliding, of hand and object")
+            self.friction = gui.add_number(
+                "friction", float(physics.friction), step=0.1, hint="Sliding, of hand and object"
+            )
             self.play = gui.add_button("Play trial", color="teal")
             self.stop = gui.add_button("Stop", color="gray", disabled=True)
             self.speed = gui.add_dropdown("speed", tuple(SPEEDS), initial_value="1 x")
@@ -101,6 +104,19 @@ class Panel:
                 self.download = gui.add_button("Download")
         tables.float(x=15, y=-15, width=330)
         put(self.side, same_side(sides, request.side_axis))
+        inputs = {name: part for name, part in vars(self).items() if getattr(part, "value", None) is not None}
+        self.inputs = {part._impl.uuid: (name.replace("_", " "), part) for name, part in inputs.items()}
+
+    def check(self, uuid: str, value: Value) -> None:
+        """Check that a value can be that of the widget of an id, or raise `InputError`."""
+        name, widget = self.inputs[uuid]
+        if type(value) is not type(widget.value):
+            kinds = {float: "a number", str: "text", bool: "true or false"}
+            raise InputError(f"{name} must be {kinds[type(widget.value)]}, got {shortened(repr(value))}")
+        if isinstance(value, str) and len(value) > _MAX_TEXT:
+            raise InputError(f"{name} must have at most {_MAX_TEXT} characters, got {len(value)}")
+        if options := getattr(widget, "options", None):
+            check_name(name, str(value), options)
 
     def chosen_object(self) -> GraspObject:
         """Read the object chosen, or raise `InputError`."""
@@ -148,13 +164,20 @@ def _reported(method: Callable[Concatenate[Page, P], T]) -> Callable[Concatenate
 
 
 def _action(method: Callable[Concatenate[Page, P], T]) -> Callable[Concatenate[Page, P], T | None]:
-    """Let a method do what a click asks for alone, ending what plays; what cannot be done becomes a message."""
-    reported = _reported(method)
+    """Let a method do what a click asks for alone, ending what plays; what cannot be done becomes a message.
+
+    It is left out while another call of it waits for its turn: that one will read what the widgets say then.
+    """
+    reported, name = _reported(method), method.__name__
 
     @wraps(method)
     def act(page: Page, /, *args: P.args, **options: P.kwargs) -> T | None:
         page.close()
+        if name in page.waiting:
+            return None
+        page.waiting.add(name)
         with page.lock:
+            page.waiting.discard(name)
             page.close()  # whoever had the lock may have begun to play
             page.panel.stop.disabled = True
             return reported(page, *args, **options)
@@ -170,7 +193,7 @@ class Page:
     """
 
     def __init__(self, client: viser.ClientHandle, start: Start) -> None:
-        self.lock = threading.RLock()
+        self.lock, self.waiting, self._summing = threading.RLock(), set[str](), threading.Lock()
         self.session = Session(start.batch, start.hand, start.protocol)
         self._client, self._start = client, start
         self._halt = threading.Event()
@@ -192,6 +215,17 @@ class Page:
         """End what still plays."""
         self._halt.set()
 
+    def takes(self, uuid: str, value: Value) -> bool:
+        """Tell whether a value that a browser sent is for a widget of this page that can take it, or say why not."""
+        if uuid not in self.panel.inputs:
+            return False
+        try:
+            self.panel.check(uuid, value)
+        except InputError as error:
+            self.say(str(error), error=True)
+            return False
+        return True
+
     def say(self, text: str, *, error: bool = False) -> None:
         """Put a message on the page."""
         self.panel.message.content = message_html(text, error=error)
@@ -205,12 +239,12 @@ class Page:
 
         for choice in (c.grasp_type, c.object, c.size):
             by_hand(choice, self._choose)
-        by_hand(c.grasp, lambda: self._go(c.grasp.value))
+        by_hand(c.grasp, self._go)
         by_hand(c.view, lambda: _action(Page._look)(self))
         by_hand(c.time, self._scrub)
         by_hand(c.friction, self._choose_friction)
         c.sample.on_click(lambda _: self._sample())
-        c.flip.on_click(lambda _: self._go(self.session.index + (1 if c.flip.value == NEXT else -1)))
+        c.flip.on_click(lambda _: self._flip(1 if c.flip.value == NEXT else -1))
         c.play.on_click(lambda _: self._play())
         c.stop.on_click(lambda _: _action(Page.write)(self))
         c.try_all.on_click(lambda _: self._try_all())
@@ -250,9 +284,17 @@ class Page:
         self._look()
         self.say(f"trials under protocol {self.session.protocol.name}")
 
+    def _flip(self, by: int) -> None:
+        # Summed up at once: of fast clicks each counts, though one move is made for all that wait.
+        with self._summing:
+            put(self.panel.grasp, (self.panel.grasp.value + by) % len(self.session))
+        self._go()
+
     @_action
-    def _go(self, index: float) -> None:
+    def _go(self) -> None:
+        index = self.panel.grasp.value
         if not math.isfinite(index):
+            put(self.panel.grasp, float(self.session.index))
             raise InputError(f"there is no grasp {index}")
         self.session.go(round(index))
         put(self.panel.grasp, float(self.session.index))

@@ -2,40 +2,32 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
-import gzip
 import io
-import ipaddress
 import socket
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from html import escape
-from http import HTTPStatus
 from pathlib import Path
-from typing import Any
-from urllib.parse import urlsplit
 
 import numpy as np
 import viser
-import websockets.asyncio.server
 
 from ..core.errors import InputError
 from ..core.files import write_text
 from ..core.protocols import Carry, Protocol
 from ..formats import check_file_place
 from ..hands import Hand
+from .guard import TITLE, Value, guarded
 from .page import Page, Start
 from .recording import Frame, Recording
 from .session import Batch, Session
 from .shapes import SceneNodes, hand_bounds
 from .words import table_html
 
-TITLE = "graspcascade"
 _SIGHT = np.array([-0.5, 0.8, -0.33])
 """Direction of sight in the hand frame: at the palm, from the thumb's side and from above."""
 _FIELD_RAD = 0.7
-_REFUSAL = "Refused: asked for by another site's page or an unknown host name. Open it by the machine's address.\n"
 MAX_SHOWN = 50
 """Most grasps on one standalone page, which holds every frame of every trial."""
 _FRAME_S = 0.04
@@ -56,23 +48,39 @@ class _LocalServer(viser.ViserServer):
         return None
 
 
-def open_server(host: str, port: int, hand: Hand) -> viser.ViserServer:
-    """Start a server, at any free port where that is 0, that says nothing by itself and whose camera sees a hand.
+def _takes_nothing(uuid: str, value: Value) -> bool:
+    return False
+
+
+def open_server(
+    host: str,
+    port: int,
+    hand: Hand,
+    names: Sequence[str] = (),
+    takes: Callable[[str, Value], bool] = _takes_nothing,
+) -> viser.ViserServer:
+    """Start a server that says nothing by itself and whose camera sees a hand.
+
+    Args:
+        host: address to listen on.
+        port: port to listen on, 0 for any free one.
+        hand: what the camera looks at.
+        names: more names that it may be asked for by, beside localhost and the host.
+        takes: tells whether the widget of an id can take a value that a browser sent.
 
     Raises:
         InputError: nothing can listen there, or a version of viser that cannot be guarded.
     """
     _check_address(host, port)
     # viser announces itself on standard output, where a command's own words belong.
-    with contextlib.redirect_stdout(io.StringIO()), _own_pages_only(host) as guarded:
+    with contextlib.redirect_stdout(io.StringIO()), guarded(host, names, takes) as made:
         server = _LocalServer(host=host, port=port, label=TITLE, verbose=False)
-    if not guarded:
+    if not made:
         close_server(server)
         raise InputError(f"viser {viser.__version__} cannot be kept from serving other sites' pages; install viser 1.1")
     if port not in (0, server.get_port()):
         close_server(server)
         raise InputError(f"port {port} of {host} is in use; give another --port")
-    server.get_event_loop().set_exception_handler(_on_error)
     centre, radius = hand_bounds(hand)
     camera = server.initial_camera
     camera.position = centre - _SIGHT / np.linalg.norm(_SIGHT) * radius / np.sin(_FIELD_RAD / 2)
@@ -92,16 +100,22 @@ def close_server(server: viser.ViserServer) -> None:
         server.stop()
 
 
-def serve(start: Start, host: str = "127.0.0.1", port: int = 8080) -> viser.ViserServer:
+def serve(start: Start, host: str = "127.0.0.1", port: int = 8080, names: Sequence[str] = ()) -> viser.ViserServer:
     """Serve pages until the server is stopped; each browser has grasps, trials and scene of its own.
+
+    A browser is answered that asks by localhost, by the host listened on, or by one of `names`.
 
     Raises:
         InputError: nothing can listen at that address, or the hand has no MJCF.
     """
     # A browser that leaves while a trial plays is nothing to warn of.
     warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
-    server = open_server(host, port, start.hand)
     pages: dict[int, Page] = {}
+
+    def takes(uuid: str, value: Value) -> bool:
+        return any(page.takes(uuid, value) for page in list(pages.values()))
+
+    server = open_server(host, port, start.hand, names, takes)
 
     def connect(client: viser.ClientHandle) -> None:
         page = Page(client, start)
@@ -121,67 +135,6 @@ def serve(start: Start, host: str = "127.0.0.1", port: int = 8080) -> viser.Vise
     server.on_client_connect(connect)
     server.on_client_disconnect(leave)
     return server
-
-
-def is_own_page(headers: Any, host: str) -> bool:
-    """Tell whether a request comes from this server's own page, or from no page at all.
-
-    A page of another site could otherwise drive the server through its reader's browser: by opening a connection of its
-    own, which the origin gives away, or by pointing a name of its own at this machine, which the host gives away.
-    """
-    asked, origin = headers.get("Host", ""), headers.get("Origin")
-    name = (urlsplit(f"//{asked}").hostname or "").rstrip(".")
-    known = name in {"localhost", host.lower(), socket.gethostname().lower()} or name.endswith(".localhost")
-    if not known:
-        try:
-            ipaddress.ip_address(name)  # an address cannot be pointed elsewhere
-        except ValueError:
-            return False
-    return origin is None or urlsplit(origin).netloc.lower() == asked.lower()
-
-
-@contextlib.contextmanager
-def _own_pages_only(host: str) -> Iterator[list[str]]:
-    """Let a viser server that is made meanwhile refuse requests of other sites' pages, and give its page a title.
-
-    viser has no setting for either, but leaves every request to a function that it hands to the websockets library.
-    What is yielded lists the servers made so, by their host.
-    """
-    module, guarded = websockets.asyncio.server, list[str]()
-    original: Any = module.serve
-
-    def serve_guarded(*args: Any, process_request: Any, **options: Any) -> Any:
-        def process(connection: Any, request: Any) -> Any:
-            if not is_own_page(request.headers, host):
-                return connection.respond(HTTPStatus.FORBIDDEN, _REFUSAL)
-            response = process_request(connection, request)
-            if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
-                _set_title(response)
-            return response
-
-        guarded.append(host)
-        return original(*args, process_request=process, **options)
-
-    module.serve = serve_guarded  # type: ignore[misc,assignment]
-    try:
-        yield guarded
-    finally:
-        module.serve = original  # type: ignore[misc]
-
-
-def _set_title(response: Any) -> None:
-    packed = response.headers["Content-Encoding"] == "gzip"
-    body = gzip.decompress(response.body) if packed else response.body
-    body = body.replace(b"<title>Viser</title>", f"<title>{TITLE}</title>".encode(), 1)
-    response.body = gzip.compress(body, 1) if packed else body
-    del response.headers["Content-Length"]
-    response.headers["Content-Length"] = str(len(response.body))
-
-
-def _on_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Leave out the traceback of a value that a browser sent and that is not of its widget's type."""
-    if not isinstance(context.get("exception"), ValueError | TypeError | AssertionError | OverflowError):
-        loop.default_exception_handler(context)
 
 
 def _check_address(host: str, port: int) -> None:
