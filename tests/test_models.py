@@ -192,9 +192,10 @@ def test_python_ranks_for_a_friction_too(model: Path) -> None:
     assert Ranked.load(model, friction=0.5).describe()["ranking"]["friction"] == 0.5
 
 
-def test_a_mass_needs_no_scorer(call: Call, bare: Path) -> None:
-    said = call("sample", "tripod", "box_medium", "--mass-g", 100, "--n", 1, "--json")
-    assert said.json["metadata"]["asked"]["mass_g"] == 100
+def test_a_mass_needs_no_scorer(call: Call, bare: Path, tmp_path: Path) -> None:
+    out = tmp_path / "g.json"
+    assert call("sample", "tripod", "box_medium", "--mass-g", 100, "--n", 1, "--out", out).status == 0
+    assert load_document(out).grasps.tasks.objects["box_medium"].mass_kg == pytest.approx(0.1)
     assert call("sample", "tripod", BOX, "--mass-g", 100, "--n", 1, "--model", bare).status == 0
 
 

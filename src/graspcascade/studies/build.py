@@ -294,7 +294,9 @@ a mass; what has less than {good_enough:g} is drawn again, up to {most_draws} ti
 ## What was measured
 
 Trials in simulation ({engine}), {per_cell} of each kind of object and type, each with an object of its own, of random
-size. *Held* and *type-faithful* are rates in percent with 95 % intervals; raw grasps are as the cascade draws them.
+size. *Held*: after closing, a shake and five seconds of weight the object is still between thumb and fingers.
+*Type-faithful*: the digits also touch it where the type asks. Both in percent, with 95 % intervals. Raw grasps are as
+the cascade draws them.
 
 {rounds}
 
