@@ -79,7 +79,7 @@ def test_a_build_that_was_cut_off_goes_on_to_the_same_model(built: Path, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("change", "was"), [({"seed": 5}, "seed 0"), ({"trials_per_cell": (24, 7)}, r"trials_per_cell \[60, 12\]")]
+    ("change", "was"), [({"seed": 5}, "seed 0"), ({"trials_per_cell": (60, 13)}, r"trials_per_cell \[60, 12\]")]
 )
 def test_other_arguments_do_not_go_on_with_a_build(built: Path, change: dict[str, Any], was: str) -> None:
     with pytest.raises(InputError, match=f"another build, with {was};"):

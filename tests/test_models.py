@@ -28,7 +28,7 @@ from graspcascade.proposals.cascade.sampler import GraspSampler
 from graspcascade.proposals.cascade.stages import FACTORIZATIONS
 from graspcascade.proposals.heuristic import Heuristic
 from graspcascade.proposals.ranked import Ranked, feasibility
-from graspcascade.proposals.scorer import Scorer
+from graspcascade.proposals.scorer import Scorer, Sight
 from graspcascade.studies.build import Build
 from graspcascade.studies.dataset import Dataset
 from graspcascade.studies.evaluate import evaluate
@@ -101,9 +101,8 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     outcomes.verdict[:] = np.where(held, "held", "dropped")
     outcomes.touching_end[:] = held[:, None]
     training = TrainingSpec(epochs=40, batch_size=256, learning_rate=5e-3, validation_fraction=0.0)
-    scorer = fit_scorer(
-        HAND, [Dataset(tried, outcomes, about, conditions)], ScorerTraining((1.0,), False, (48,), training)
-    )
+    config = ScorerTraining(Sight(closings=(1.0,), gradients=False), (48,), training)
+    scorer = fit_scorer(HAND, [Dataset(tried, outcomes, about, conditions)], config)
     folder = tmp_path_factory.mktemp("models") / "tiny"
     cascade.save(folder)
     scorer.scorer.save(folder)
@@ -193,9 +192,10 @@ def test_python_ranks_for_a_friction_too(model: Path) -> None:
     assert Ranked.load(model, friction=0.5).describe()["ranking"]["friction"] == 0.5
 
 
-def test_a_mass_needs_no_scorer(call: Call, bare: Path) -> None:
-    said = call("sample", "tripod", "box_medium", "--mass-g", 100, "--n", 1, "--json")
-    assert said.json["metadata"]["asked"]["mass_g"] == 100
+def test_a_mass_needs_no_scorer(call: Call, bare: Path, tmp_path: Path) -> None:
+    out = tmp_path / "g.json"
+    assert call("sample", "tripod", "box_medium", "--mass-g", 100, "--n", 1, "--out", out).status == 0
+    assert load_document(out).grasps.tasks.objects["box_medium"].mass_kg == pytest.approx(0.1)
     assert call("sample", "tripod", BOX, "--mass-g", 100, "--n", 1, "--model", bare).status == 0
 
 
@@ -385,8 +385,8 @@ def test_build_refuses_before_anything_is_written(
 def test_build_says_which_types_a_hand_cannot_make(
     call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cut_hands: Any
 ) -> None:
-    monkeypatch.setattr(Build, "run", lambda build: None)
-    monkeypatch.setattr(Build, "evaluations", lambda build: ())
+    monkeypatch.setattr(Build, "trained", lambda build: None)
+    monkeypatch.setattr(Build, "measured", lambda build: ())
     file = cut_hands[2].mjcf.with_name("hand.yaml")
     said = call("build", "--hand", file, "--out", tmp_path / "out")
     assert said.status == 0

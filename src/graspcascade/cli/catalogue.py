@@ -43,7 +43,7 @@ class Types:
             print_json({"model": ranked.name, **about, "types": [row.to_json() for row in rows]})
             return
         print(f"{obj.name} of {obj.mass_kg * 1000:.3g} g, friction {ranked.friction:g}, by the model's estimate:")
-        good = f"draws from\n{100 * ranked.good_enough:g} %"
+        good = f"raw draws\nfrom {100 * ranked.good_enough:g} %"
         print_table(
             ["type", "side\ncm", "chance\n%", good, "works"],
             [

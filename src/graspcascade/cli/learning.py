@@ -307,8 +307,9 @@ class Build:
             possible = {kind.name for _, kind in build.cells}
             if left_out := [name for name in GRASP_TYPES if name not in possible]:
                 console.say("build", f"left out {', '.join(left_out)}: {hand.name} lacks digits or places for them")
-            build.run()
-        measured, model = build.evaluations(), build.model(len(spec.trials_per_cell))
+            build.trained()
+            measured = build.measured()
+        model = build.model(len(spec.trials_per_cell))
         if self.json:
             console.print_json({"model": str(model), "measured": [each.to_json() for each in measured]})
             return

@@ -192,8 +192,8 @@ class Feasibility:
 
     @property
     def word(self) -> str:
-        """Word the chance: good, fair, poor or none."""
-        return next(word for word, least in WORDS.items() if self.chance >= least)
+        """Word the chance, in whole percent, as `WORDS` says."""
+        return next(word for word, least in WORDS.items() if round(self.chance, 2) >= least)
 
     def to_json(self) -> dict[str, Any]:
         """Describe it as plain data."""

@@ -18,7 +18,7 @@ from ..engines import Engine, as_engine
 from ..hands import Hand
 from ..nets import TrainingSpec
 from ..proposals import Proposal
-from ..proposals.cascade.sampler import EVALUATION_FILE, GraspSampler
+from ..proposals.cascade.sampler import GraspSampler
 from ..proposals.cascade.stages import FACTORIZATIONS
 from ..proposals.heuristic import SPREAD, Heuristic, Placement
 from ..proposals.prior import PosturePrior
@@ -117,26 +117,24 @@ class Build:
         kinds = seedable(self.hand, self.spec.seeds.taxonomy)
         return tuple((family, kind) for family in FAMILIES.values() for kind in kinds)
 
-    def run(self) -> GraspSampler:
-        """Do all that is missing, and return the cascade of the last round; the scorer lies beside it.
+    def run(self) -> tuple[GraspSampler, Scorer]:
+        """Do all that is missing, evaluations included, and return the cascade and scorer of the last round.
 
         Raises:
             InputError: the folder holds another build or something else, or the hand can make no type or has joints of
                 which no human statistics are known (see `seeds.seedable`).
         """
-        with sole_writer(self.folder):
-            self._claim()
-            cascade, _ = self.trained()
-            self._measure()
-            measured = self.evaluations()
-            for number in range(1, len(self.spec.trials_per_cell) + 1):
-                until = [each for each in measured if each.round <= number]
-                card = model_card(Ranked.load(self.model(number)), self.spec, until)
-                write_text(self.model(number) / CARD_FILE, card)
-            return cascade
+        trained = self.trained()
+        self.measured()
+        return trained
 
     def trained(self) -> tuple[GraspSampler, Scorer]:
-        """Do all that is missing but for evaluations, in a folder that is there."""
+        """Do all that is missing but for evaluations; errors are those of `run`."""
+        with sole_writer(self.folder):
+            self._claim()
+            return self._trained()
+
+    def _trained(self) -> tuple[GraspSampler, Scorer]:
         proposal: Proposal = Heuristic(self.hand, self.prior(), self.spec.placement)
         data: list[Dataset] = []
         for number in range(1, len(self.spec.trials_per_cell) + 1):
@@ -152,7 +150,8 @@ class Build:
         own = json.loads(json.dumps(about | asdict(self.spec)))
         path = self.folder / BUILD_FILE
         if not path.is_file():
-            if not holds_nothing(self.folder):
+            # What Python code did step by step is gone on with; postures of other making are not.
+            if not holds_nothing(self.folder) and not (self.folder / "round-1").is_dir():
                 raise InputError(f"{self.folder} holds something else; give a new or empty folder")
             write_json(path, own)
         kept = read_json(path)
@@ -234,29 +233,13 @@ class Build:
             write_folder_staged(folder, write)
         return GraspSampler.load(folder), Scorer.load(folder)
 
-    def evaluations(self) -> tuple[Measured, ...]:
-        """Read what was measured of the models of all rounds."""
-        return tuple(
-            Measured(number, grasps, Evaluation.load(self._evaluation(number, grasps, protocol) / EVALUATION_FILE))
-            for number, grasps, protocol in self._tries()
-        )
-
-    def _tries(self) -> Iterator[tuple[int, str, Protocol]]:
-        """List round, grasps and protocol of every evaluation."""
-        for number in range(1, len(self.spec.trials_per_cell) + 1):
-            yield number, "raw", HOLD
-            yield number, "ranked", HOLD
-        yield number, "ranked", VARIED
-
-    def _evaluation(self, number: int, grasps: str, protocol: Protocol) -> Path:
-        return self.folder / f"evaluation-{number}-{grasps}-{protocol.name}"
-
-    def _measure(self) -> None:
-        """Evaluate what every round taught."""
+    def measured(self) -> tuple[Measured, ...]:
+        """Evaluate what every round taught, as far as that is missing, and write a card of each model."""
+        done: list[Measured] = []
         for number, grasps, protocol in self._tries():
             cascade, scorer = GraspSampler.load(self.model(number)), Scorer.load(self.model(number))
             step = f"{grasps} grasps of round {number} under {protocol.name}"
-            evaluate(
+            evaluation = evaluate(
                 cascade if grasps == "raw" else Ranked(cascade, scorer),
                 protocol=protocol,
                 hand=self.hand,
@@ -264,9 +247,21 @@ class Build:
                 cells=self.cells,
                 seed=self.spec.seed + 1,
                 engine=self.engine,
-                out=self._evaluation(number, grasps, protocol),
+                out=self.folder / f"evaluation-{number}-{grasps}-{protocol.name}",
                 progress=lambda done, total, step=step: self.report(step, done, total),  # type: ignore[misc]
             )
+            done.append(Measured(number, grasps, evaluation))
+        for number in range(1, len(self.spec.trials_per_cell) + 1):
+            card = model_card(Ranked.load(self.model(number)), self.spec, [one for one in done if one.round <= number])
+            write_text(self.model(number) / CARD_FILE, card)
+        return tuple(done)
+
+    def _tries(self) -> Iterator[tuple[int, str, Protocol]]:
+        """List round, grasps and protocol of every evaluation."""
+        for number in range(1, len(self.spec.trials_per_cell) + 1):
+            yield number, "raw", HOLD
+            yield number, "ranked", HOLD
+        yield number, "ranked", VARIED
 
 
 def likely_successes(data: Dataset, scorer: Scorer, least_chance: float) -> Dataset:
@@ -308,7 +303,9 @@ a mass; what has less than {good_enough:g} is drawn again, up to {most_draws} ti
 ## What was measured
 
 Trials in simulation ({engine}), {per_cell} of each kind of object and type, each with an object of its own, of random
-size. *Held* and *type-faithful* are rates in percent with 95 % intervals; raw grasps are as the cascade draws them.
+size. *Held*: after closing, a shake and five seconds of weight the object is still between thumb and fingers.
+*Type-faithful*: the digits also touch it where the type asks. Both in percent, with 95 % intervals. Raw grasps are as
+the cascade draws them.
 
 {rounds}
 
@@ -342,7 +339,7 @@ def model_card(model: Ranked, spec: BuildSpec, measured: Sequence[Measured]) -> 
         "grasp types": f"{', '.join(last.by_type)} (taxonomy `{last.taxonomy}`)",
         "sizes learned from, mm": ", ".join(f"{kind} {sizes}" for kind, sizes in ranges.items()),
         "trials learned from": f"{scorer['trials']} under protocol `{VARIED.name}`; rounds: {number}",
-        "successes among them": f"{cascade['learned_from']} ({cascade['config']['learn_from']})",
+        "the cascade from": f"{cascade['learned_from']} of them, type-faithful, chance from {spec.least_chance:g}",
         **{f"{name.replace('_', ' in ')} in them": f"{low:g} to {high:g}" for name, (low, high) in seen.items()},
         "calibration error of chances": f"{judged['calibration_error']:.3f} ({judged['n']} trials of other objects)",
         "seeds": f"trials {spec.seed}, evaluations {last.seed}",
