@@ -106,7 +106,6 @@ def main(arguments: Arguments) -> None:
             continue
         build = Build(hand, arguments.runs / name.replace(" ", "_"), variant(base), engine, report=_Steps(name))
         measure = _Measure(build, arguments, rows)
-        build.folder.mkdir(parents=True, exist_ok=True)
         cascade, scorer = build.trained()
         measure(name, Ranked(cascade, scorer), scorer)
         if name == "all ingredients":
