@@ -66,6 +66,19 @@ def quat_to_matrix(quat_wxyz: ArrayLike) -> Array:
     return np.asarray(as_rotation(quat.reshape(-1, 4)).as_matrix()).reshape(*quat.shape[:-1], 3, 3)
 
 
+def axes_of(quat_wxyz: Array) -> Array:
+    """Compute the rows ``(3, 3, n)`` of the rotation matrices of unit quaternions ``(n, 4)``, without scipy."""
+    w, *vector = quat_wxyz.T
+    doubled = [2.0 * part for part in vector]
+    rows = np.empty((3, 3, len(quat_wxyz)))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        rows[i, i] = 1.0 - vector[j] * doubled[j] - vector[k] * doubled[k]
+        product, turned = vector[i] * doubled[j], w * doubled[k]
+        rows[i, j], rows[j, i] = product - turned, product + turned
+    return rows
+
+
 def matrix_to_quat(matrix: ArrayLike) -> Array:
     """Compute the unit quaternions ``(..., 4)``, w >= 0, of rotation matrices ``(..., 3, 3)``."""
     # Each of four formulas divides by one component; the largest is taken (Shepperd 1978, DOI 10.2514/3.55767b).
