@@ -191,6 +191,9 @@ class Scorer:
 
     @cached_property
     def _network(self) -> NumpyDecoder:
+        # Once more memory than a call takes was freed, glibc keeps as much for later instead of returning it to the
+        # system, from which each call would fetch it again page by page.
+        np.empty(3 << 20)
         return self.decoder.unscaled()
 
     def fingerprint(self) -> str:
