@@ -71,15 +71,13 @@ class Kinematics:
         Args:
             angles: as for `frames`.
             spots: bodies, and points in their frames.
-            root: the root's axes and origin in the frame to locate points in, by default its own. Real numbers are of
-                the type of these and of the angles.
+            root: the root's axes and origin in the frame to locate points in, by default its own.
 
         Returns:
-            ``(m, 3, n)``, the postures last.
+            ``(m, 3, n)``, the postures last; real numbers of the type that the root's are of.
         """
         moving = self._moving(angles, [body for body, _ in spots], root)
-        n = max(_rows(angles), root[1].shape[1])
-        located = np.empty((len(spots), 3, n), np.result_type(root[1], *angles.values()))
+        located = np.empty((len(spots), 3, max(_rows(angles), root[1].shape[1])), root[1].dtype)
         for place, (body, point) in zip(located, spots, strict=True):
             axes, origin = moving[body]
             np.add(origin, _combined(axes, point), out=place)
@@ -150,7 +148,7 @@ def _turned(axes: tuple[Array, Array, Array], matrix: Sequence[Sequence[float]])
 def _hinged(axes: tuple[Array, Array, Array], about: Vector, angle: Array) -> tuple[Array, Array, Array]:
     """Multiply rotations from the right by a turn of `angle` ``(n,)`` about one axis."""
     sine, cosine = np.sin(angle), np.cos(angle)
-    main = int(np.argmax(np.abs(about)))
+    main = max(range(3), key=lambda part: abs(about[part]))
     if abs(about[main]) == 1.0:
         # About a coordinate axis only the other two columns change.
         if about[main] < 0.0:
