@@ -963,8 +963,8 @@ def test_a_hinge_about_a_slanted_axis_turns_as_rodrigues_says() -> None:
     )
     np.testing.assert_allclose(turned, expected, atol=1e-15)
     np.testing.assert_array_equal(origin, np.tile([0.1, 0.0, 0.2], (3, 1)))
-    point = tree.points({"hinge": angles}, {"tip": ("link", (0.0, 0.3, -0.1))})["tip"]
-    np.testing.assert_allclose(point, origin + expected @ [0.0, 0.3, -0.1], atol=1e-15)
+    (point,) = tree.points({"hinge": angles}, [("link", (0.0, 0.3, -0.1))])
+    np.testing.assert_allclose(point.T, origin + expected @ [0.0, 0.3, -0.1], atol=1e-15)
 
 
 def test_a_fingerprint_names_what_a_hand_is_and_not_where_it_lies(tmp_path: Path, hand: Hand) -> None:

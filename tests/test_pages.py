@@ -126,6 +126,16 @@ def test_the_page_of_the_protocol_has_the_measured_rates_in_six_directions() -> 
         assert f"| {row['grasps']} | {kind} | {row['n']} | {held} | {counts} |" in page
 
 
+def test_the_page_of_the_protocol_has_the_rates_of_the_papers_models() -> None:
+    measured = json.loads((DOCS / "results" / "protocols.json").read_text(encoding="utf-8"))
+    page = (DOCS / "protocol.md").read_text(encoding="utf-8")
+    assert len(measured["rates"]) == 12
+    for row in measured["rates"]:
+        rates = (row[name] for name in ("held", "faithful", "steady"))
+        cells = [f"{100 * r['rate']:.1f} ({100 * r['low']:.1f} to {100 * r['high']:.1f})" for r in rates]
+        assert f"| {row['model']} | `{row['protocol']}` | {row['n']} | {' | '.join(cells)} |" in page
+
+
 def test_no_page_uses_words_of_our_own() -> None:
     private = re.compile(r"\b(verbs?|wish|wishes|is told|are told|ladder)\b|\brooms?\b", re.IGNORECASE)
     texts = {path: path.read_text(encoding="utf-8") for path in [*DOCS.glob("*.md"), *DOCS.parent.glob("*.md")]}

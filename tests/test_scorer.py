@@ -18,10 +18,11 @@ from graspcascade.core.objects import as_object
 from graspcascade.core.outcomes import Outcomes
 from graspcascade.core.poses import Pose, canonical_quat, quat_multiply, rotation_angle
 from graspcascade.core.protocols import HOLD, VARIED, Conditions
-from graspcascade.core.tasks import draw_tasks
+from graspcascade.core.tasks import Tasks, draw_tasks
 from graspcascade.core.taxonomy import GRASP_TYPES
 from graspcascade.hands import load_hand
 from graspcascade.nets import TrainingSpec, load_decoders, save_decoders
+from graspcascade.proposals import Proposal
 from graspcascade.proposals.heuristic import Heuristic
 from graspcascade.proposals.ranked import Disturbed, Ranked
 from graspcascade.proposals.scorer import Scorer, Sight, View
@@ -220,6 +221,18 @@ def ranked(fitted: FittedScorer) -> Ranked:
     return Ranked(Heuristic.pretrained(), fitted.scorer, good_enough=0.8)
 
 
+class Recorded(Proposal):
+    """The heuristic, remembering what was drawn."""
+
+    def __init__(self) -> None:
+        self.name, self.hand, self._heuristic = "recorded", HAND, Heuristic.pretrained()
+        self.drawn: list[Grasps] = []
+
+    def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:
+        self.drawn.append(self._heuristic.propose(tasks, rng))
+        return self.drawn[-1]
+
+
 def test_ranked_grasps_are_good_enough_or_the_best_of_their_draws(ranked: Ranked) -> None:
     plain_ones = ranked.proposal.sample("tripod", "sphere:40mm", "x", n=300, seed=5)
     likely = ranked.sample("tripod", "sphere:40mm", "x", n=300, seed=5)
@@ -228,6 +241,51 @@ def test_ranked_grasps_are_good_enough_or_the_best_of_their_draws(ranked: Ranked
     kept = before >= ranked.good_enough
     np.testing.assert_array_equal(likely.posture[kept], plain_ones.posture[kept])
     assert (likely.probability >= ranked.good_enough).mean() > kept.mean()
+
+
+def test_of_a_hard_task_the_likeliest_of_all_draws_are_kept(ranked: Ranked) -> None:
+    recorded = Recorded()
+    hard = replace(ranked, proposal=recorded, good_enough=1.0, most_draws=3)
+    kept = hard.sample("tripod", "sphere:40mm", "x", n=100).probability
+    chances = np.concatenate([ranked.chances(grasps) for grasps in recorded.drawn])
+    assert len(chances) == 300
+    np.testing.assert_allclose(np.sort(kept), np.sort(chances)[-100:], atol=1e-6)
+
+
+def test_of_several_tasks_each_keeps_the_likeliest_of_its_own_draws(ranked: Ranked) -> None:
+    recorded, rng = Recorded(), np.random.default_rng(3)
+    tasks = draw_tasks([(family, kind) for family in FAMILIES.values() for kind in KINDS], 4, HAND.reach_m, rng)
+    kept = replace(ranked, proposal=recorded, good_enough=1.0).propose(tasks, rng)
+    drawn = Grasps.concatenate(recorded.drawn)
+    chances = ranked.chances(drawn)
+    assert len(drawn) == ranked.most_draws * len(tasks)
+    for row, task in enumerate(tasks):
+        own = np.array([other == task for other in drawn.tasks])
+        assert kept.probability[row] == pytest.approx(chances[own].max(), abs=1e-6)
+
+
+def test_no_more_is_drawn_than_is_good_for(ranked: Ranked) -> None:
+    easy, half = Recorded(), Recorded()
+    replace(ranked, proposal=easy, good_enough=0.0).sample("tripod", "sphere:40mm", "x", n=200)
+    assert sum(map(len, easy.drawn)) == 200
+    before = np.sort(ranked.chances(easy.drawn[0]))
+    replace(ranked, proposal=half, good_enough=float(before[100])).sample("tripod", "sphere:40mm", "x", n=200)
+    assert 360 < sum(map(len, half.drawn)) < 520
+
+
+def test_no_draw_is_kept_twice(ranked: Ranked) -> None:
+    likely = ranked.sample("tripod", "sphere:40mm", "x", n=300)
+    assert len(np.unique(likely.posture, axis=0)) == 300
+
+
+def test_ranked_grasps_are_spread_as_the_draws_that_are_good_enough(ranked: Ranked) -> None:
+    chance = ranked.chances(ranked.proposal.sample("tripod", "sphere:40mm", "x", n=4000, seed=1))
+    bar = float(np.median(chance))
+    kept = replace(ranked, good_enough=bar).sample("tripod", "sphere:40mm", "x", n=2000, seed=2).probability
+    assert (kept >= bar).all()
+    wanted = chance[chance >= bar]
+    # Means of so many draws differ by chance by less than 5 standard errors.
+    assert abs(kept.mean() - wanted.mean()) < 5 * wanted.std() * np.sqrt(1 / len(wanted) + 1 / len(kept))
 
 
 def test_the_probability_that_comes_along_is_the_scorers(ranked: Ranked) -> None:

@@ -97,6 +97,7 @@ def run_bench(
     only: Collection[str] = (),
     *,
     data: Path | None = None,
+    model: Path | None = None,
     report: Report = lambda done, total, what: None,
     cells: Sequence[Pair] = (),
 ) -> dict[str, Any]:
@@ -106,6 +107,7 @@ def run_bench(
         spec: how much.
         only: some of `PARTS`, all without it.
         data: dataset whose successes are trained on; without it, samples of the shipped cascade are.
+        model: folder of a cascade and a scorer to sample from as well.
         report: hears how far it is.
         cells: pairs of object and grasp type of the raw engine and of evaluations, all without it; collections always
             go through all.
@@ -131,7 +133,7 @@ def run_bench(
         from .sampling import sampling
 
         watch.begin("sampling")
-        measured["sampling"] = sampling(spec.sample_calls, spec.seed)
+        measured |= sampling(spec.sample_calls, spec.seed, model)
     if "cold_start" in parts:
         from .sampling import cold_start
 
@@ -246,6 +248,8 @@ class Bench:
     """How much."""
     data: Path | None = None
     """Folder of a dataset whose successes to train on; samples of the shipped cascade without it."""
+    model: Path | None = None
+    """Folder of a cascade and a scorer that are sampled from, as drawn and ranked, beside the paper's cascade."""
     out: Path | None = None
     """Also write the numbers to this .json file."""
     json: bool = False
@@ -266,6 +270,7 @@ def main(bench: Bench) -> None:
             bench.spec,
             bench.only,
             data=bench.data,
+            model=bench.model,
             report=lambda done, total, what: progress.show(done, total, note=what),
         )
     measured = plain(measured)
@@ -280,7 +285,8 @@ def main(bench: Bench) -> None:
 def _print(measured: dict[str, Any]) -> None:
     about = measured["environment"]
     print(f"{about['cpu']}, {about['logical_cores']} logical cores, {about['threads']} threads")
-    rows = [row for part in PARTS if part in measured for row in _ROWS.get(part, _trial_rows)(part, measured[part])]
+    shown = [part for part in dict.fromkeys((*PARTS, *_ROWS)) if part in measured]
+    rows = [row for part in shown for row in _ROWS.get(part, _trial_rows)(part, measured[part])]
     print_table(["measured", "unit", "median", "min", "max"], rows, left=(0, 1))
     if measured.get("training", {}).get("extrapolated"):
         epochs, measured = measured["training"]["epochs"], measured["training"]["epochs_measured"]
@@ -303,8 +309,8 @@ def _raw_rows(_: str, measured: dict[str, Any]) -> list[list[str]]:
     return [["raw engine", "steps/s", *_spread(measured["steps_per_s"], "0f")]]
 
 
-def _sampling_rows(_: str, measured: dict[str, Any]) -> list[list[str]]:
-    name = f"sampling {measured['grasps']} grasps"
+def _sampling_rows(part: str, measured: dict[str, Any]) -> list[list[str]]:
+    name = f"{part.replace('_', ' ')}, {measured['grasps']} grasps"
     return [
         [name, "ms", *_spread(measured["ms"], "2f")],
         ["its matrix products", "ms", *_spread(measured["yardstick_ms"], "2f")],
@@ -331,7 +337,7 @@ def _training_rows(_: str, measured: dict[str, Any]) -> list[list[str]]:
 
 _ROWS = {
     "raw": _raw_rows,
-    "sampling": _sampling_rows,
+    **dict.fromkeys(("sampling", "sampling_raw", "sampling_ranked"), _sampling_rows),
     "cold_start": _cold_start_rows,
     "training": _training_rows,
 }

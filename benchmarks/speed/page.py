@@ -18,6 +18,12 @@ _TRIALS = {
     "evaluation_heuristic": "evaluation of the heuristic",
 }
 
+_SAMPLING = {
+    "sampling": "after loading, one core",
+    "sampling_raw": "of any size as drawn, one core",
+    "sampling_ranked": "of any size ranked, one core",
+}
+
 Json = Mapping[str, Any]
 
 
@@ -117,10 +123,11 @@ def _trial_settings(data: Json) -> str:
 
 def _ratios(data: Json) -> str:
     rows = []
-    if "sampling" in data:
-        part = data["sampling"]
-        takes = f"{_between(part['ms'])} ms", f"{_between(part['yardstick_ms'])} ms"
-        rows.append(_ratio(f"{part['grasps']} grasps after loading, one core", part["yardstick"], takes, part))
+    for name, words in _SAMPLING.items():
+        if name in data:
+            part = data[name]
+            takes = f"{_between(part['ms'])} ms", f"{_between(part['yardstick_ms'])} ms"
+            rows.append(_ratio(f"{part['grasps']} grasps {words}", part["yardstick"], takes, part))
     if "cold_start" in data:
         part = data["cold_start"]
         takes = f"{_between(part['s'])} s", f"{_between(part['yardstick_s'])} s"

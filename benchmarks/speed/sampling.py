@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from itertools import cycle, islice, product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ import numpy as np
 from benchmarks.common import Spread
 from graspcascade.core.machine import child_environment
 from graspcascade.core.objects import CATALOGUE
-from graspcascade.core.taxonomy import GRASP_TYPES
 from graspcascade.nets import NumpyDecoder
+from graspcascade.proposals import Proposal
 from graspcascade.proposals.cascade.sampler import GraspSampler
+from graspcascade.proposals.ranked import Ranked
 
 GRASPS = 1000
 """Grasps of one call."""
@@ -26,17 +28,18 @@ GRASPS = 1000
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
-def sampling(calls: int, seed: int) -> dict[str, Any]:
+def sampling(calls: int, seed: int, model: Path | None = None) -> dict[str, Any]:
     """Measure in a process of its own: how many threads products use is settled when numpy is loaded.
 
     Args:
         calls: timed calls, going round all types and objects.
         seed: seed of the first call; each has its own.
+        model: folder of a cascade and a scorer, to be measured as drawn and ranked beside the paper's cascade.
 
     Raises:
         subprocess.CalledProcessError: the process failed; what it said is on standard error.
     """
-    code = f"from {__name__} import serve; serve({calls}, {seed})"
+    code = f"from {__name__} import serve; serve({calls}, {seed}, {None if model is None else str(model)!r})"
     done = subprocess.run(
         [sys.executable, "-P", "-c", code],
         env=child_environment(**_ONE_THREAD),
@@ -48,25 +51,38 @@ def sampling(calls: int, seed: int) -> dict[str, Any]:
     return measured
 
 
-def serve(calls: int, seed: int) -> None:
-    """Measure in this process and print JSON."""
-    print(json.dumps(measure(GraspSampler.pretrained(), calls, seed)))
+def serve(calls: int, seed: int, model: str | None) -> None:
+    """Measure in this process and print JSON, by the name of each part."""
+    cascade = GraspSampler.pretrained("paper")
+    measured = {"sampling": measure(cascade, cascade.decoders, calls, seed)}
+    if model is not None:
+        ranked, cascade = Ranked.load(model), GraspSampler.load(model)
+        measured["sampling_raw"] = measure(cascade, cascade.decoders, calls, seed)
+        decoders = {**cascade.decoders, "scorer": ranked.scorer.decoder}
+        measured["sampling_ranked"] = measure(ranked, decoders, calls, seed)
+    print(json.dumps(measured))
 
 
-def measure(sampler: GraspSampler, calls: int, seed: int) -> dict[str, Any]:
+def measure(proposal: Proposal, decoders: Mapping[str, NumpyDecoder], calls: int, seed: int) -> dict[str, Any]:
     """Time calls for `GRASPS` grasps of one type and object each, and the yardstick after every one.
+
+    Args:
+        proposal: draws the grasps.
+        decoders: its networks, by any name.
+        calls: timed calls.
+        seed: seed of the first.
 
     Returns:
         `ms` and `yardstick_ms` per call, and the ratio of their medians.
     """
-    products = matrix_products(sampler.decoders, GRASPS)
-    asked = list(islice(cycle(product(GRASP_TYPES, CATALOGUE)), calls))
-    sampler.sample(*asked[0], None, GRASPS, seed)
+    products = matrix_products(decoders, GRASPS)
+    asked = list(islice(cycle(product([kind.name for kind in proposal.grasp_types], CATALOGUE)), calls))
+    proposal.sample(*asked[0], None, GRASPS, seed)
     products()
     ms, yardstick = [], []
     for number, (kind, label) in enumerate(asked):
         begun = time.perf_counter()
-        sampler.sample(kind, label, None, GRASPS, seed + number)
+        proposal.sample(kind, label, None, GRASPS, seed + number)
         sampled = time.perf_counter()
         products()
         ms.append(1e3 * (sampled - begun))
@@ -76,7 +92,7 @@ def measure(sampler: GraspSampler, calls: int, seed: int) -> dict[str, Any]:
         "calls": calls,
         "threads": 1,
         "ms": Spread.of(ms).to_json(),
-        "yardstick": "matrix products of all layers of the decoders on as many rows, one thread",
+        "yardstick": "matrix products of all layers of the networks on as many rows, one thread",
         "yardstick_ms": Spread.of(yardstick).to_json(),
         "ratio": statistics.median(ms) / statistics.median(yardstick),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,8 @@ def signed_distances(
     Args:
         shapes: boxes, cylinders and spheres.
         shape_of_row: ``(n,)`` which shape each row is measured against.
-        points: ``(n, m, 3)`` metres; its type of real number is that of the result.
+        points: ``(n, m, 3)`` metres; its type of real number is that of the result, and so is its order in memory. With
+            n last in memory it is fastest.
         gradients: whether these are wanted; distances alone are cheaper.
 
     Examples:
@@ -43,57 +45,75 @@ def signed_distances(
         ([[0.03]], [[[0.0, 0.0, 1.0]]])
     """
     halves = np.array([shape.extents_m for shape in shapes], dtype=points.dtype).reshape(-1, 3) / 2
-    kinds = np.array([shape.kind for shape in shapes])[shape_of_row]
-    half, present = halves[shape_of_row][:, None], np.unique(kinds).tolist()
-    if len(present) == 1:
-        return _MEASURES[present[0]](half, points, gradients)
-    distance, gradient = np.empty(points.shape[:2], points.dtype), np.empty(points.shape, points.dtype)
-    for kind in present:
-        rows = kinds == kind
-        measured = _MEASURES[kind](half[rows], points[rows], gradients)
-        distance[rows] = measured.distance_m
-        if measured.gradient is not None:
-            gradient[rows] = measured.gradient
-    return Distances(distance, gradient if gradients else None)
+    kinds = np.array([shape.kind for shape in shapes])
+    distance, gradient = np.empty_like(points[..., 0]), np.empty_like(points) if gradients else None
+    for kind in dict.fromkeys(kinds.tolist()):
+        rows: Any = slice(None) if (kinds == kind).all() else np.flatnonzero((kinds == kind)[shape_of_row])
+        half, chosen = np.moveaxis(halves[shape_of_row[rows]][:, None], -1, 0), np.moveaxis(points[rows], -1, 0)
+        distance[rows], slopes = _MEASURES[kind](list(half), list(chosen), gradients)
+        if gradient is not None:
+            for axis, slope in enumerate(slopes):
+                gradient[rows, :, axis] = slope
+    return Distances(distance, gradient)
 
 
-def _from_box(half: Array, points: Array, gradients: bool) -> Distances:
-    """Measure from half extents ``(n, 1, k)`` along k axes to points ``(n, m, k)``."""
-    beyond = np.abs(points) - half
-    outside = np.maximum(beyond, 0)
-    distance = np.sqrt(np.einsum("nmi,nmi->nm", outside, outside))
-    is_inside = distance == 0
-    signed = np.where(is_inside, beyond.max(axis=-1), distance)
+_Measured = tuple[Array, list[Array]]
+"""Distances ``(n, m)``, and their gradients' components, as many as axes, or none."""
+
+
+def _from_box(half: list[Array], points: list[Array], gradients: bool) -> _Measured:
+    """Measure from half extents ``(n, 1)`` along any number of axes to points, ``(n, m)`` along each."""
+    beyond = [np.abs(point) - end for point, end in zip(points, half, strict=True)]
+    deepest = reduce(np.maximum, beyond)
+    outside = [np.maximum(each, 0, out=None if gradients else each) for each in beyond]
+    distance = _length(outside)
+    signed = distance + np.minimum(deepest, 0)
     if not gradients:
-        return Distances(signed, None)
-    towards = np.eye(points.shape[-1], dtype=points.dtype)[beyond.argmax(axis=-1)]
-    gradient = np.where(is_inside[..., None], towards, outside / np.where(is_inside, 1, distance)[..., None])
-    return Distances(signed, np.copysign(gradient, points))
+        return signed, []
+    is_inside = distance == 0
+    scale = 1 / np.where(is_inside, 1, distance)
+    for slope, each, point in zip(outside, beyond, points, strict=True):
+        slope *= scale
+        is_nearest = is_inside & (each == deepest)
+        is_inside ^= is_nearest
+        slope[is_nearest] = 1
+        np.copysign(slope, point, out=slope)
+    return signed, outside
 
 
-def _from_cylinder(half: Array, points: Array, gradients: bool) -> Distances:
+def _from_cylinder(half: list[Array], points: list[Array], gradients: bool) -> _Measured:
     # A cylinder is a rectangle in the plane of its axis and the point.
-    radius = np.hypot(points[..., 0], points[..., 1])
-    flat = _from_box(half[..., [0, 2]], np.stack([radius, points[..., 2]], axis=-1), gradients)
-    if flat.gradient is None:
-        return flat
-    outward = flat.gradient[..., :1] * _unit(points[..., :2], radius)
-    return Distances(flat.distance_m, np.concatenate([outward, flat.gradient[..., 1:]], axis=-1))
+    x, y, z = points
+    radius = _length([x, y])
+    signed, slopes = _from_box([half[0], half[2]], [radius, z], gradients)
+    if not gradients:
+        return signed, []
+    outward, along = slopes
+    return signed, [outward * part for part in _unit([x, y], radius)] + [along]
 
 
-def _from_sphere(half: Array, points: Array, gradients: bool) -> Distances:
-    radius = np.sqrt(np.einsum("nmi,nmi->nm", points, points))
-    return Distances(radius - half[..., 0], _unit(points, radius) if gradients else None)
+def _from_sphere(half: list[Array], points: list[Array], gradients: bool) -> _Measured:
+    radius = _length(points)
+    return radius - half[0], _unit(points, radius) if gradients else []
 
 
-def _unit(vectors: Array, length: Array) -> Array:
+def _length(vectors: list[Array]) -> Array:
+    first, *others = vectors
+    squares = first * first
+    for other in others:
+        squares += other * other
+    return np.asarray(np.sqrt(squares, out=squares))
+
+
+def _unit(vectors: list[Array], length: Array) -> list[Array]:
     """Divide vectors by their lengths; one of no length becomes the first axis."""
-    divided = vectors / np.where(length > 0, length, 1)[..., None]
-    divided[..., 0] += length == 0
-    return np.asarray(divided)
+    scale = 1 / np.where(length > 0, length, 1)
+    first, *others = (vector * scale for vector in vectors)
+    first += length == 0
+    return [first, *others]
 
 
-_MEASURES: Mapping[str, Callable[[Array, Array, bool], Distances]] = {
+_MEASURES: Mapping[str, Callable[[list[Array], list[Array], bool], _Measured]] = {
     "box": _from_box,
     "cylinder": _from_cylinder,
     "sphere": _from_sphere,

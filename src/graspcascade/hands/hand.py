@@ -272,14 +272,6 @@ class Hand:
             raise InputError(f"a posture of this hand has {len(self.joint_names)} joints, got {posture.shape[1]}")
         return dict(zip(self.joint_names, posture.T, strict=True))
 
-    def points(self, posture: ArrayLike, spots: Sequence[tuple[str, Vector]]) -> Array:
-        """Locate points of bodies ``(n, m, 3)`` in the hand frame at these very angles, metres.
-
-        Spots are names of bodies and points in their frames, metres.
-        """
-        located = self.kinematics.points(self._angles(posture), {str(i): spot for i, spot in enumerate(spots)})
-        return np.stack(list(located.values()), axis=1)
-
     def place_points(self, posture: ArrayLike, names: Sequence[str]) -> dict[str, PlacePoints]:
         """Locate contact places by name at these very angles (see `executed`); one it lacks is an InputError."""
         wanted, located = {name: self._place(name) for name in names}, {}
@@ -328,7 +320,8 @@ class Hand:
         spots = {name: (self.digits[name].tip_body, self.digits[name].tip_m) for name in ("thumb", "index")}
         for name in sorted({name for kind in kinds for name in kind.opposition}):
             spots[name] = (self._place(name).body, self._place(name).point_m)
-        points = self.kinematics.points(self._angles(executed), spots)
+        located = self.kinematics.points(self._angles(executed), list(spots.values()))
+        points = {name: point.T for name, point in zip(spots, located, strict=True)}
         thumb, other = np.zeros((2, len(kind_of_row), 3))
         for number, kind in enumerate(kinds):
             rows = np.True_ if len(kinds) == 1 else (kind_of_row == number)[:, None]

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _Moving = tuple[tuple[Array, Array, Array], Array]
 """A body's axes (the columns of its rotation) and origin, each ``(3, n)``, or ``(3, 1)`` where no joint moves it."""
+_X, _Y, _Z = np.eye(3)[:, :, None]
+_AT_REST: _Moving = ((_X, _Y, _Z), np.zeros((3, 1)))
 
 
 @dataclass(frozen=True)
@@ -61,35 +63,43 @@ class Kinematics:
             frames[name] = (columns[:3].transpose(2, 1, 0), columns[3].T)
         return frames
 
-    def points(self, angles: Mapping[str, ArrayLike], spots: Mapping[str, tuple[str, Vector]]) -> dict[str, Array]:
-        """Locate points that ride on bodies, ``(n, 3)`` metres in the hand frame, without the cost of whole frames.
+    def points(
+        self, angles: Mapping[str, ArrayLike], spots: Sequence[tuple[str, Vector]], root: _Moving = _AT_REST
+    ) -> Array:
+        """Locate points that ride on bodies, metres, without the cost of whole frames.
 
-        Angles are as for `frames`; spots are body and point in the body's frame, metres, by any name.
+        Args:
+            angles: as for `frames`.
+            spots: bodies, and points in their frames.
+            root: the root's axes and origin in the frame to locate points in, by default its own.
+
+        Returns:
+            ``(m, 3, n)``, the postures last; real numbers of the type that the root's are of.
         """
-        moving = self._moving(angles, [body for body, _ in spots.values()])
-        located = {}
-        for name, (body, point) in spots.items():
+        moving = self._moving(angles, [body for body, _ in spots], root)
+        located = np.empty((len(spots), 3, max(_rows(angles), root[1].shape[1])), root[1].dtype)
+        for place, (body, point) in zip(located, spots, strict=True):
             axes, origin = moving[body]
-            located[name] = np.empty((_rows(angles), 3))
-            located[name].T[:] = origin + _combined(axes, point)
+            np.add(origin, _combined(axes, point), out=place)
         return located
 
-    def _moving(self, angles: Mapping[str, ArrayLike], bodies: Sequence[str] | None) -> dict[str, _Moving]:
+    def _moving(
+        self, angles: Mapping[str, ArrayLike], bodies: Sequence[str] | None, root: _Moving = _AT_REST
+    ) -> dict[str, _Moving]:
         # The batch is the last axis: each step is then a few long contiguous operations.
         wanted = None if bodies is None else self.ancestry(bodies)
         moving: dict[str, _Moving] = {}
         for link in self.links:
             if wanted is not None and link.name not in wanted:
                 continue
-            if link.parent is None:
-                x, y, z = np.eye(3)[:, :, None]
-                axes, origin = (x, y, z), np.zeros((3, 1))
-            else:
+            axes, origin = root
+            if link.parent is not None:
                 above, origin = moving[link.parent]
-                origin = origin + _combined(above, link.position_m)
+                if any(link.position_m):
+                    origin = origin + _combined(above, link.position_m)
                 axes = _turned(above, link.matrix)
             if link.joint is not None and link.joint in angles:
-                axes = _hinged(axes, link.axis, np.asarray(angles[link.joint], dtype=np.float64))
+                axes = _hinged(axes, link.axis, np.asarray(angles[link.joint]))
             moving[link.name] = (axes, origin)
         return moving
 
@@ -138,7 +148,7 @@ def _turned(axes: tuple[Array, Array, Array], matrix: Sequence[Sequence[float]])
 def _hinged(axes: tuple[Array, Array, Array], about: Vector, angle: Array) -> tuple[Array, Array, Array]:
     """Multiply rotations from the right by a turn of `angle` ``(n,)`` about one axis."""
     sine, cosine = np.sin(angle), np.cos(angle)
-    main = int(np.argmax(np.abs(about)))
+    main = max(range(3), key=lambda part: abs(about[part]))
     if abs(about[main]) == 1.0:
         # About a coordinate axis only the other two columns change.
         if about[main] < 0.0:
@@ -154,5 +164,6 @@ def _hinged(axes: tuple[Array, Array, Array], about: Vector, angle: Array) -> tu
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     # Rodrigues' formula.
     hinge = np.eye(3)[:, :, None] + sine * cross[:, :, None] + (1.0 - cosine) * (cross @ cross)[:, :, None]
+    hinge = hinge.astype(angle.dtype, copy=False)
     x, y, z = (sum(axis * part for axis, part in zip(axes, hinge[:, k], strict=True)) for k in range(3))
     return x, y, z

@@ -102,14 +102,18 @@ class NumpyDecoder:
             raise InputError(f"z must have shape (n, {self.spec.latent_dim}), got {z.shape}")
         if c.shape != (len(z), self.spec.condition_dim):
             raise InputError(f"c must have shape ({len(z)}, {self.spec.condition_dim}), got {c.shape}")
-        inputs = np.concatenate([z, self.standardisation.standardise_c(c)], axis=1)
-        output = np.empty((len(z), self.spec.output_dim), dtype=np.float32)
-        blocks = max(1, len(z) // _BLOCK)
+        return self.run(np.concatenate([z, self.standardisation.standardise_c(c)], axis=1))
+
+    def run(self, inputs: Array32) -> Array32:
+        """Take inputs of the first layer ``(n, inputs)``, z and c as it knows them, through all layers."""
+        n = len(inputs)
+        output = np.empty((n, self.spec.output_dim), dtype=np.float32)
+        blocks = max(1, n // _BLOCK)
         # One piece of memory for all hidden units: several would be returned to the system and fetched again by every
         # call, which costs more than the additions do.
-        room = np.empty((len(z) // blocks + 1) * sum(self.spec.hidden), dtype=np.float32)
+        room = np.empty((n // blocks + 1) * sum(self.spec.hidden), dtype=np.float32)
         *inner, last = self.layers
-        for start, end in pairwise(len(z) * number // blocks for number in range(blocks + 1)):
+        for start, end in pairwise(n * number // blocks for number in range(blocks + 1)):
             hidden, used = inputs[start:end], 0
             for layer, width in zip(inner, self.spec.hidden, strict=True):
                 size = (end - start) * width
@@ -151,6 +155,17 @@ class NumpyDecoder:
             (Layer(matrix, first.bias + standard @ first.matrix[z + fixed]), *self.layers[1:]),
         )
 
+    def unscaled(self) -> NumpyDecoder:
+        """Make a decoder whose first layer takes conditions in natural units (see `run`): it scales them itself."""
+        scaling, first = self.standardisation, self.layers[0]
+        z = self.spec.latent_dim
+        matrix = first.matrix.astype(np.float64)
+        matrix[z:] /= scaling.c_std[:, None]
+        bias = first.bias - scaling.c_mean @ matrix[z:]
+        layer = Layer(matrix.astype(np.float32), bias.astype(np.float32))
+        natural = replace(scaling, c_mean=np.zeros_like(scaling.c_mean), c_std=np.ones_like(scaling.c_std))
+        return replace(self, standardisation=natural, layers=(layer, *self.layers[1:]))
+
     def sample(
         self, c: ArrayLike, rng: np.random.Generator, *, temperature: float = 1.0, mode: Mode = "sample"
     ) -> Array:
@@ -188,13 +203,18 @@ def _read(head: HeadSpec, raw: Array32, rng: np.random.Generator, mode: Mode) ->
     if head.kind == "gaussian":
         return raw
     if head.kind == "chance":
-        return np.exp(-np.logaddexp(0.0, -raw))
+        return logistic(raw)
     if head.kind == "vmf_mixture":
         raw = _chosen_component(raw, rng, mode)
     direction = normalised(raw[:, :4])
     if head.kind == "unit" or mode == "mean":
         return direction
     return vmf.sample(direction, concentration(raw[:, 4]), rng)
+
+
+def logistic(raw: Array32) -> Array32:
+    """Turn raw outputs of a chance head into chances."""
+    return np.asarray(np.exp(-np.logaddexp(0.0, -raw)))
 
 
 def _chosen_component(raw: Array32, rng: np.random.Generator, mode: Mode) -> Array32:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,12 +17,14 @@ from ..core.distances import signed_distances
 from ..core.errors import FileFormatError, InputError
 from ..core.grasps import Grasps
 from ..core.objects import SHAPES, Shape
-from ..core.poses import Pose, quat_multiply, quat_to_matrix
+from ..core.poses import Pose, axes_of, quat_multiply
 from ..core.protocols import HOLD, Conditions
 from ..hands.hand import Hand
 from ..nets import NumpyDecoder, load_decoders, save_decoders
+from ..nets.inference import logistic
 
 Array = NDArray[np.float64]
+Array32 = NDArray[np.float32]
 
 SCORER_FILE = "scorer.safetensors"
 _KIND, _DECODER = "grasp scorer", "scorer"
@@ -82,43 +85,56 @@ class View:
             conditions: of each trial. Errors of pose and size are applied: what is seen is where the object is.
             is_exact: whether that is known exactly; otherwise it is off by an unknown error as under `varied`.
         """
-        tasks, n = grasps.tasks, len(grasps)
+        tasks, kinds = grasps.tasks, len(self.grasp_types)
         pose = grasps.X_hand_object
         if conditions.rotation_error_rad.any():
             pose = Pose(pose.position_m, quat_multiply(conditions.rotation_error_quat_wxyz, pose.quat_wxyz))
         pose = Pose(pose.position_m + conditions.position_error_m, pose.quat_wxyz)
+        # Rows come last in memory: each step is then a few long contiguous operations.
+        columns = np.empty((self.width(hand), len(grasps)), dtype=np.float32)
+        geometry, types, numbers, exact = np.split(columns, len(columns) - 4 + np.array([-kinds, 0, 3]))
         see = self._distances if self.sight.geometry == "distances" else self._shape
+        see(hand, grasps, pose, conditions.size_error_m, geometry)
+        known = np.array([self.grasp_types.index(task.grasp_type.name) for task in tasks.table], dtype=np.intp)
+        types[:] = known[tasks.row] == np.arange(kinds)[:, None]
         mass_kg = tasks.column(lambda task: task.object.mass_kg, np.float64) * conditions.density_factor
-        known = [self.grasp_types.index(task.grasp_type.name) for task in tasks.table]
-        types = np.eye(len(self.grasp_types), dtype=np.float32)[known][tasks.row]
-        numbers = np.stack([conditions.friction, np.log(mass_kg), np.log(conditions.gain_factor)], axis=1)
-        parts = [*see(hand, grasps, pose, conditions.size_error_m), types, numbers * self.sight.conditions]
-        exact = np.full((n, 1), float(is_exact))
-        return np.concatenate([*parts, exact], axis=1, dtype=np.float32, casting="same_kind")
+        numbers[:] = conditions.friction, np.log(mass_kg), np.log(conditions.gain_factor)
+        numbers *= self.sight.conditions
+        exact[:] = is_exact
+        return columns.T
 
-    def _distances(self, hand: Hand, grasps: Grasps, pose: Pose, larger_m: Array) -> list[NDArray[Any]]:
-        tasks, posture = grasps.tasks, hand.executed(grasps.posture)
-        shapes: list[Shape] = [task.object.shape for task in tasks.table]
-        rotation, grown = (
-            quat_to_matrix(pose.quat_wxyz).astype(np.float32),
-            (0.5 * larger_m)[:, None].astype(np.float32),
+    def _distances(self, hand: Hand, grasps: Grasps, pose: Pose, larger_m: Array, out: Array32) -> None:
+        tasks, n = grasps.tasks, len(grasps)
+        turn = axes_of(pose.quat_wxyz).astype(np.float32)
+        origin = -np.einsum("ijn,ni->jn", turn, pose.position_m.astype(np.float32))
+        posture, opened = (
+            part.T.astype(np.float32, order="C") for part in (hand.executed(grasps.posture), grasps.pregrasp)
         )
-        parts: list[NDArray[Any]] = []
-        for closing in self.sight.closings:
-            angles = posture if closing == 1.0 else grasps.pregrasp + closing * (posture - grasps.pregrasp)
-            points = hand.points(angles, self.points)
-            seen = np.matmul((points - pose.position_m[:, None]).astype(np.float32), rotation)
-            measured = signed_distances(shapes, tasks.row, seen, gradients=self.sight.gradients and not parts)
-            parts.append(measured.distance_m - grown)
+        angles = np.concatenate([opened + closing * (posture - opened) for closing in self.sight.closings], axis=1)
+        (x, y, z), origins = (np.tile(part, len(self.sight.closings)) for part in (turn, origin))
+        by_joint = dict(zip(hand.joint_names, angles, strict=True))
+        points = hand.kinematics.points(by_joint, self.points, ((x, y, z), origins))
+        shapes: list[Shape] = [task.object.shape for task in tasks.table]
+        grown, m = (0.5 * larger_m).astype(np.float32), len(points)
+        for number in range(len(self.sight.closings)):
+            seen = points[..., number * n : (number + 1) * n].transpose(2, 0, 1)
+            measured = signed_distances(shapes, tasks.row, seen, gradients=self.sight.gradients and not number)
+            np.subtract(measured.distance_m.T, grown, out=out[:m])
+            out = out[m:]
             if measured.gradient is not None:
-                parts.append(np.matmul(measured.gradient, rotation.transpose(0, 2, 1)).reshape(len(grasps), -1))
-        return parts
+                slopes = measured.gradient.T
+                for column, axis in zip(out[: 3 * m].reshape(m, 3, n).swapaxes(0, 1), turn, strict=True):
+                    np.multiply(slopes[0], axis[0], out=column)
+                    column += slopes[1] * axis[1]
+                    column += slopes[2] * axis[2]
+                out = out[3 * m :]
 
-    def _shape(self, hand: Hand, grasps: Grasps, pose: Pose, larger_m: Array) -> list[NDArray[Any]]:
-        tasks, turn = grasps.tasks, quat_to_matrix(pose.quat_wxyz).reshape(len(grasps), 9)
+    def _shape(self, hand: Hand, grasps: Grasps, pose: Pose, larger_m: Array, out: Array32) -> None:
+        tasks, turn = grasps.tasks, axes_of(pose.quat_wxyz).reshape(9, -1)
         kinds = tasks.column(lambda task: [task.object.shape.kind == kind for kind in SHAPES], np.float64)
         extents = tasks.column(lambda task: task.object.extents_m, np.float64) + larger_m[:, None]
-        return [hand.executed(grasps.posture), pose.position_m, turn, kinds, extents]
+        parts = hand.executed(grasps.posture).T, pose.position_m.T, turn, kinds.T, extents.T
+        np.concatenate(parts, out=out, casting="same_kind")
 
 
 @dataclass(frozen=True)
@@ -168,15 +184,23 @@ class Scorer:
         """
         if grasps.joint_names != self.hand.joint_names:
             raise InputError(f"the scorer is of the joints of {self.hand.name}, the grasps are of others")
-        if foreign := [n for n in dict.fromkeys(grasps.grasp_type.tolist()) if n not in self.view.grasp_types]:
+        asked = dict.fromkeys(task.grasp_type.name for task in grasps.tasks.distinct)
+        if foreign := [name for name in asked if name not in self.view.grasp_types]:
             known = ", ".join(self.view.grasp_types)
             raise InputError(f"the scorer has seen no grasps of type {', '.join(foreign)}; it knows {known}")
         about = Conditions.of(HOLD.physics, len(grasps)) if conditions is None else conditions
         if not len(grasps):
             return Chances(np.zeros(0), np.zeros(0))
         seen = self.view.encode(self.hand, grasps, about, is_exact=is_exact)
-        said = self.decoder.sample(seen, np.random.default_rng(0))
+        said = logistic(self._network.run(seen)).astype(np.float64)
         return Chances(said[:, 0], said[:, 1])
+
+    @cached_property
+    def _network(self) -> NumpyDecoder:
+        # Once more memory than a call takes was freed, glibc keeps as much for later instead of returning it to the
+        # system, from which each call would fetch it again page by page.
+        np.empty(3 << 20)
+        return self.decoder.unscaled()
 
     def fingerprint(self) -> str:
         """Compute a short digest of the weights."""
@@ -207,7 +231,7 @@ class Scorer:
             view, hand = msgspec.convert(about["view"], View), Hand.from_json(about["hand"])
             training = msgspec.convert(about["training"], dict[str, Any])
             msgspec.convert(training.get("seen", {}), Seen)
-            hand.points(hand.pregrasp[None], view.points)
+            hand.kinematics.points({}, view.points)
         except (KeyError, TypeError, InputError, msgspec.ValidationError) as error:
             raise FileFormatError(f"{path} lacks or garbles {error}") from error
         spec, scorer = stored.decoders[_DECODER].spec, cls(hand, view, stored.decoders[_DECODER], training)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError, check_name
 from ...core.objects import AXES, SHAPES, GraspObject, Shape
-from ...core.poses import Pose, matrix_to_quat, quat_multiply
+from ...core.poses import Pose, canonical_quat, matrix_to_quat, quat_multiply
 from ...core.records import taxonomy_to_json
 from ...core.tasks import Task, Tasks
 from ...core.taxonomy import TAXONOMIES, as_type
@@ -279,11 +279,12 @@ def learning_frame(thumb: Array, other: Array, frame: Frame) -> Pose:
     """
     if frame == "hand":
         return Pose(np.zeros_like(thumb), np.tile([1.0, 0.0, 0.0, 0.0], (len(thumb), 1)))
-    x = (other - thumb) / np.linalg.norm(other - thumb, axis=-1, keepdims=True)
-    lateral = np.array([1.0, 0.0, 0.0])
-    y = lateral - (x * lateral).sum(axis=-1, keepdims=True) * x
-    y /= np.linalg.norm(y, axis=-1, keepdims=True)
-    return Pose((thumb + other) / 2, matrix_to_quat(np.stack([x, y, np.cross(x, y)], axis=-1)))
+    along, first, second = (other - thumb).T
+    # A half-turn that lays the frame's x axis in the hand's xy plane, then a turn about the hand's x axis.
+    lean = 0.5 * np.arctan2(np.hypot(first, second), along)
+    turn = 0.5 * np.arctan2(second, first)
+    a, b, c, s = np.cos(lean), np.sin(lean), np.cos(turn), np.sin(turn)
+    return Pose((thumb + other) / 2, canonical_quat(np.stack([-s * a, c * a, c * b, s * b], axis=-1)))
 
 
 def in_hand(pose: Pose, thumb: Array, other: Array, frame: Frame) -> Pose:

@@ -227,10 +227,10 @@ class GraspSampler(Proposal):
                 quantities["posture"] = encode_posture(posture, closure.thumb_m, closure.other_m)
             if "position" in stage.targets:
                 quantities["position"] = values["position"]
-        pose = Pose(values["position"], canonical_quat(values["rotation"]))
+        rotation = values["rotation"]
         if self.factorization.object_code == "site":
-            turned = quat_multiply(pose.quat_wxyz, quat_conjugate(site_frames(tasks)))
-            pose = Pose(pose.position_m, canonical_quat(turned))
+            rotation = quat_multiply(rotation, quat_conjugate(site_frames(tasks)))
+        pose = Pose(values["position"], canonical_quat(rotation))
         X_hand_object = in_hand(pose, closure.thumb_m, closure.other_m, self.factorization.frame)
         return as_proposed(self.hand, tasks, posture, X_hand_object, closure.grasp_size_m, request.object_size_m)
 
