@@ -675,7 +675,7 @@ MUG = '<worldbody><body name="mug"><freejoint/><geom type="sphere" size="0.02"/>
             [("</tendon>", '</tendon><equality><weld body1="ffdistal" body2="thdistal"/></equality>')],
             "equality 0 does not tie one joint of a posture to another; nothing else is supported",
         ),
-        ([("ffproximal", "object")], "has bodies named 'object', as trials call theirs"),
+        ([("thhub", "object")], "has bodies named 'object', as trials call theirs"),
         (
             [
                 (
@@ -1017,7 +1017,7 @@ def test_a_hand_names_the_types_it_can_make_and_refuses_others(cut_hands: Mappin
             f"hand hand_of_2 cannot make a {name}: it has no {lacks}. Possible types: palmar_pinch, tip_pinch."
         )
     with pytest.raises(
-        InputError, match=r"cannot make a parallel_extension: it has no middle\. Possible types: palmar_"
+        InputError, match=r"cannot make a parallel_extension: it has no middle_pad, middle\. Possible types: palmar_"
     ):
         cut_hands[2].check_type(FEIX_TYPES["parallel_extension"])
     for n in (3, 4):

@@ -335,10 +335,16 @@ def shown(value: object) -> str:
         return "a huge integer"
 
 
+_LARGEST = 1e12
+"""Products of larger numbers may overflow, and none of them is a length, an angle or a share."""
+
+
 def number(value: object, what: str) -> float:
     """Check a number."""
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         with contextlib.suppress(OverflowError):
+            if math.isfinite(value) and abs(value) > _LARGEST:
+                raise FileFormatError(f"{what} is {shown(value)}, beyond any number of a grasp")
             if math.isfinite(value):
                 return float(value)
     raise FileFormatError(f"{what} is {shown(value)}, not a finite number")
