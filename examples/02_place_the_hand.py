@@ -2,12 +2,14 @@
 
 import numpy as np
 
-from graspcascade import GraspSampler, Pose, load_hand
+from graspcascade import Pose, as_object, load_hand
+from graspcascade.proposals.heuristic import Screened
 
-# A cylinder stands on a table 40 cm in front of the robot: its centre is half its height above the table.
-X_world_object = Pose.of([0.40, 0.0, 0.035], [1.0, 0.0, 0.0, 0.0])
+# A tin of one's own size stands on a table 40 cm in front of the robot: its centre is half its height above the table.
+tin = as_object("cylinder:42x85mm")
+X_world_object = Pose.of([0.40, 0.0, tin.extents_m[2] / 2], [1.0, 0.0, 0.0, 0.0])
 
-grasps = GraspSampler.pretrained().sample("palmar_pinch", "cylinder_medium", n=20, seed=1)
+grasps = Screened.pretrained().sample("palmar_pinch", tin, n=20, seed=1)
 X_world_hand = grasps.hand_pose(X_world_object)
 
 # A robot arm carries the hand's base, a forearm; the palm's pose in it is fixed while the wrist is straight.

@@ -67,6 +67,9 @@ def cut_hand(folder: Path, n_digits: int) -> Hand:
             digits={digit: entries["digits"][digit] for digit in kept},
             couplings={name: pair for name, pair in entries["couplings"].items() if joints.issuperset(pair)},
             places={name: place for name, place in entries["places"].items() if name.startswith(kept)},
+            surface_points={
+                name: point for name, point in entries["surface_points"].items() if name.startswith((*kept, "palm"))
+            },
             palm_bodies=["palm"] if "little" in gone else entries["palm_bodies"],
         )
     )

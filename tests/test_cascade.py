@@ -52,6 +52,7 @@ from graspcascade.proposals.cascade.sizes import SizeMode, SizeRule
 from graspcascade.proposals.cascade.stages import FACTORIZATIONS, Frame, ObjectCode, factorization
 from graspcascade.proposals.heuristic import Heuristic, opposition_points, place
 from graspcascade.proposals.prior import PosturePrior
+from graspcascade.proposals.ranked import Disturbed
 from graspcascade.studies.dataset import Dataset
 from graspcascade.studies.learn import CascadeTraining, FittedCascade, fit_cascade, prepare, repeat_rare
 from symmetries import random_symmetry
@@ -742,6 +743,12 @@ def test_a_cascade_that_tells_objects_by_shape_samples_any_size(any_size: Fitted
     assert set(grasps.object_name) == {obj}
     assert np.isfinite(grasps.posture).all()
     assert set(grasps.side_m) <= {site.width_m for site in as_object(obj).sites(HAND.reach_m).values()}
+
+
+def test_only_a_cascade_that_tells_objects_by_shape_takes_any_size(any_size: FittedCascade) -> None:
+    for sampler, takes in ((any_size.sampler, True), (GraspSampler.pretrained(), False)):
+        assert sampler.takes_any_size is takes
+        assert Disturbed(sampler).takes_any_size is takes
 
 
 def test_a_cascade_that_tells_objects_by_shape_survives_its_file(any_size: FittedCascade, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Files of others and for others: confidence, scales, frames, joint numbering, batches, other hands, contact."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from graspcascade.core.errors import FileFormatError, InputError
 from graspcascade.core.grasps import Grasps
@@ -15,6 +18,7 @@ from graspcascade.core.objects import Box, GraspObject
 from graspcascade.core.outcomes import Outcomes
 from graspcascade.core.poses import Pose, canonical_quat, rotation_angle
 from graspcascade.core.tasks import Task, Tasks
+from graspcascade.core.taxonomy import GRASP_TYPES
 from graspcascade.formats import (
     FORMATS_BY_NAME,
     Assumptions,
@@ -29,6 +33,7 @@ from graspcascade.hands import Hand
 
 TARGET = ExportOptions(contact="target")
 FOREIGN = ("isaac_grasp", "moveit_grasp", "dexgraspbench", "dexgraspnet")
+CHANCE_KEY = {"isaac_grasp": "confidence", "moveit_grasp": "grasp_quality"}
 every_foreign = pytest.mark.parametrize("name", FOREIGN)
 every_yaml = pytest.mark.parametrize("name", FOREIGN[:2])
 every_pickled = pytest.mark.parametrize("name", FOREIGN[2:])
@@ -88,16 +93,43 @@ def assert_same(found: Grasps, expected: Grasps, atol: float = 1e-12) -> None:
 # -- the chance to hold
 
 
-@every_foreign
-def test_a_grasps_own_probability_travels(grasps: Grasps, tmp_path: Path, name: str) -> None:
-    known = replace(grasps, probability=np.array([0.9, np.nan, 0.0]))
-    found = load_grasps(save(tmp_path, name, known), trust_pickle=True)
-    np.testing.assert_array_equal(found.probability, known.probability)
+CHANCES = st.lists(st.just(math.nan) | st.floats(0, 1), min_size=3, max_size=3)
+RATES = {"measured": {f"{kind}/box_medium": {"held": 7, "n": 10} for kind in GRASP_TYPES}}
+
+
+@settings(max_examples=12, deadline=None)
+@given(chances=CHANCES, order=st.permutations(list(FORMATS_BY_NAME)), metadata=st.sampled_from([{}, RATES]))
+def test_a_grasps_own_probability_travels_bit_by_bit_through_all_formats_in_any_order(
+    drawn: Grasps,
+    tmp_path_factory: pytest.TempPathFactory,
+    chances: list[float],
+    order: list[str],
+    metadata: dict[str, Any],
+) -> None:
+    of_one = drawn[drawn.object_name == "box_medium"][:3]
+    passed, folder = replace(of_one, probability=np.array(chances)), tmp_path_factory.mktemp("chances")
+    for number, name in enumerate(order):
+        (here := folder / str(number)).mkdir()
+        path = target_of(here, name)
+        save_grasps(path, passed, metadata=metadata, format=name, options=TARGET)
+        if name in FOREIGN[:2]:
+            said = [row[CHANCE_KEY[name]] for row in rows_of(yaml.safe_load(path.read_text()))]
+            unknown = 0.7 if metadata else 0.0
+            assert said == [unknown if math.isnan(chance) else chance for chance in chances]
+        passed = load_grasps(path, name, trust_pickle=True)
+        np.testing.assert_array_equal(passed.probability, chances, err_msg=name)
+
+
+@every_pickled
+def test_pickled_grasps_say_their_own_chance_in_the_notes(grasps: Grasps, tmp_path: Path, name: str) -> None:
+    path = save(tmp_path, name, replace(grasps, probability=np.array([0.9, np.nan, 0.0])))
+    rows = bench_rows(path) if name == "dexgraspbench" else np.load(path, allow_pickle=True)
+    assert [row["graspcascade"]["grasp"]["probability"] for row in rows] == [0.9, None, 0.0]
 
 
 @every_yaml
 def test_the_confidence_of_a_foreign_file_is_kept_and_written_again(grasps: Grasps, tmp_path: Path, name: str) -> None:
-    key = {"isaac_grasp": "confidence", "moveit_grasp": "grasp_quality"}[name]
+    key = CHANCE_KEY[name]
 
     def change(data: Any) -> None:
         without_notes(data)
@@ -113,14 +145,14 @@ def test_the_confidence_of_a_foreign_file_is_kept_and_written_again(grasps: Gras
 
 @every_yaml
 def test_a_confidence_changed_in_one_of_our_exports_counts(grasps: Grasps, tmp_path: Path, name: str) -> None:
-    key = {"isaac_grasp": "confidence", "moveit_grasp": "grasp_quality"}[name]
+    key = CHANCE_KEY[name]
     path = edit(save(tmp_path, name, grasps), lambda data: rows_of(data)[1].update({key: 0.5}))
     np.testing.assert_array_equal(load_grasps(path).probability, [np.nan, 0.5, np.nan])
 
 
 @every_yaml
 def test_a_quality_that_is_no_chance_is_left_out_and_told(grasps: Grasps, tmp_path: Path, name: str) -> None:
-    key = {"isaac_grasp": "confidence", "moveit_grasp": "grasp_quality"}[name]
+    key = CHANCE_KEY[name]
     path = edit(save(tmp_path, name, grasps), lambda data: rows_of(data)[1].update({key: 353.6}))
     document = load_document(path)
     assert np.isnan(document.grasps.probability).all()
@@ -660,12 +692,12 @@ def test_an_endless_integer_in_a_row_is_refused_with_its_place(
 def test_an_endless_integer_in_yaml_is_refused_with_its_place(grasps: Grasps, tmp_path: Path) -> None:
     path = save(tmp_path, "isaac_grasp", grasps)
     text = path.read_text()
-    for given, digits, word in (
+    for written, digits, word in (
         ("object_scale: 1.0", 390, r"grasp_0: object_scale is 10+\.\.\., not a finite number"),
         ("format_version: 1.0", 390, r"has format_version 10+\.\.\.; this version reads 1.0"),
         ("object_scale: 1.0", 5_000, r"line \d+: a number longer than the 400 characters allowed"),
     ):
-        path.write_text(text.replace(given, f"{given.split()[0]} 1{'0' * digits}"))
+        path.write_text(text.replace(written, f"{written.split()[0]} 1{'0' * digits}"))
         with pytest.raises(FileFormatError, match=word):
             load_grasps(path)
 

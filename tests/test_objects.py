@@ -643,3 +643,16 @@ def test_an_object_survives_the_way_through_a_file(shape: Shape, density: float)
 def test_what_a_file_says_of_an_object_is_checked(about: dict, says: str) -> None:
     with pytest.raises(InputError, match=says):
         GraspObject.from_json("mine", about)
+
+
+@given(st.sampled_from(list(CATALOGUE)), st.floats(0.001, 0.9))
+def test_an_object_of_another_mass_is_the_same_but_for_its_density(name: str, mass_kg: float) -> None:
+    volume = CATALOGUE[name].shape.volume_m3
+    if not 1.0 <= mass_kg / volume <= 30_000.0:
+        with pytest.raises(InputError, match=f"{name} can have a mass of .* g, got "):
+            CATALOGUE[name].weighing(mass_kg)
+        return
+    weighed = CATALOGUE[name].weighing(mass_kg)
+    assert weighed.mass_kg == pytest.approx(mass_kg)
+    assert (weighed.name, weighed.shape) == (name, CATALOGUE[name].shape)
+    assert GraspObject.from_json(name, weighed.to_json()) == weighed

@@ -18,7 +18,7 @@ PAGES = ["quickstart", "own_recordings", "formats", "own_hand", "protocol"]
 BLOCK = re.compile(r'^```(\w+)(?: title="([^"\n]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 RUN = ("sample", "trial", "export", "objects", "hands")
 """Commands that end within moments, without training, pages or pictures."""
-NOT_HERE = ("--picture", "my_hand", "--model model", "any_size", "menagerie", "my_prior")
+NOT_HERE = ("--picture", "my_hand", "--model model", "my_model", "likely.json", "menagerie", "my_prior")
 """Parts of commands that need more than the page's own files and the plain install."""
 
 
@@ -124,6 +124,16 @@ def test_the_page_of_the_protocol_has_the_measured_rates_in_six_directions() -> 
         counts = " | ".join(str(row[name]) for name in failures)
         kind = row["type"] if row["type"] == "all" else f"`{row['type']}`"
         assert f"| {row['grasps']} | {kind} | {row['n']} | {held} | {counts} |" in page
+
+
+def test_the_page_of_the_protocol_has_the_rates_of_the_papers_models() -> None:
+    measured = json.loads((DOCS / "results" / "protocols.json").read_text(encoding="utf-8"))
+    page = (DOCS / "protocol.md").read_text(encoding="utf-8")
+    assert len(measured["rates"]) == 12
+    for row in measured["rates"]:
+        rates = (row[name] for name in ("held", "faithful", "steady"))
+        cells = [f"{100 * r['rate']:.1f} ({100 * r['low']:.1f} to {100 * r['high']:.1f})" for r in rates]
+        assert f"| {row['model']} | `{row['protocol']}` | {row['n']} | {' | '.join(cells)} |" in page
 
 
 def test_no_page_uses_words_of_our_own() -> None:

@@ -162,6 +162,13 @@ def test_sheets_are_small_png_files(renderer: Renderer, grasps: Grasps, short: P
 
 
 @needs_drawing
+def test_a_sheet_tells_a_grasps_chance_where_it_is_known(renderer: Renderer, grasps: Grasps, short: Protocol) -> None:
+    known = replace(grasps[:2], probability=np.array([0.93, np.nan]))
+    words = [text.get_text() for axes in grasp_strip(renderer, known, short).axes for text in axes.texts]
+    assert ["chance 93 %" in words[0], "chance" in words[1]] == [True, False]
+
+
+@needs_drawing
 def test_grasps_of_other_joints_are_refused(renderer: Renderer, grasps: Grasps) -> None:
     turned = replace(grasps, joint_names=grasps.joint_names[::-1])
     with pytest.raises(InputError, match="other joints"):

@@ -1,8 +1,10 @@
 """The served page as a browser speaks to it: what clicks do, what crafted values end in, whom the server answers."""
 
 import asyncio
+import contextlib
 import gc
 import gzip
+import html
 import logging
 import os
 import queue
@@ -11,7 +13,7 @@ import socket
 from collections.abc import Callable, Iterator, Mapping
 from http.client import HTTPConnection
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 import pytest
@@ -26,15 +28,19 @@ from websockets.exceptions import ConnectionClosedError, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from graspcascade.core.errors import InputError
-from graspcascade.core.objects import as_object
-from graspcascade.core.protocols import PAPER
+from graspcascade.core.grasps import Grasps
+from graspcascade.core.objects import CATALOGUE, as_object
+from graspcascade.core.protocols import PAPER, Conditions
 from graspcascade.hands import Hand
+from graspcascade.proposals import Proposal
 from graspcascade.proposals.cascade.sampler import GraspSampler
 from graspcascade.proposals.heuristic import Heuristic, Screened
 from graspcascade.proposals.prior import PosturePrior
+from graspcascade.proposals.ranked import Ranked
+from graspcascade.proposals.scorer import Chances, Scorer
 from graspcascade.viewer import Batch, SampleRequest, guard, sample_batch
 from graspcascade.viewer import server as server_module
-from graspcascade.viewer.page import ANY_SIDE, OWN_SIZE, Page, Start, same_side, side_axis, side_choices
+from graspcascade.viewer.page import ANY_SIDE, Page, Start, same_side, side_axis, side_choices
 from graspcascade.viewer.server import close_server, open_server, serve, write_standalone
 
 PATIENCE_S = 30.0
@@ -87,8 +93,10 @@ class Visitor:
         return self.page.panel
 
     def change(self, name: str, value: object) -> None:
-        uuid = getattr(self.panel, name)._impl.uuid
-        self.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
+        self.move(getattr(self.panel, name), value)
+
+    def move(self, widget: Any, value: object) -> None:
+        self.send({"type": "GuiUpdateMessage", "uuid": widget._impl.uuid, "updates": {"value": value}})
 
     def press(self, name: str) -> None:
         self.change(name, True)
@@ -182,15 +190,17 @@ CRAFTED = (
     ("file_format", "docx", "", "unknown file format 'docx'"),
     ("speed", "", "", "unknown speed ''"),
     ("view", "sideways", "", "unknown view 'sideways'"),
-    ("grasp", float("nan"), "", "there is no grasp nan"),
-    ("grasp", float("inf"), "", "there is no grasp inf"),
+    ("grasp", float("nan"), "", "grasp must be between 0 and 2, got nan"),
+    ("grasp", float("inf"), "", "grasp must be between 0 and 2, got inf"),
+    ("grasp", 3, "", "grasp must be between 0 and 2, got 3"),
+    ("time", float("nan"), "", "time must be between 0 and 7.7, got nan"),
+    ("time", -1, "", "time must be between 0 and 7.7, got -1"),
     ("n", "many", "", "n must be a number, got 'many'"),
     ("n", "7", "", "n must be a number, got '7'"),
     ("n", True, "", "n must be a number, got True"),
     ("object", 3, "", "object must be text, got 3.0"),
     ("sample", "yes", "", "sample must be true or false, got 'yes'"),
-    ("size", "x" * 201, "", "size must have at most 200 characters, got 201"),
-    ("size", "9" * 200 + "mm", "", "size must have at most 200"),
+    ("object", "x" * 90_000, "", "unknown object 'xxx"),
 )
 
 
@@ -206,7 +216,7 @@ def test_crafted_values_end_in_a_message(
 
 
 def test_a_refused_value_leaves_the_widget_as_it_was(visitor: Visitor) -> None:
-    for name, value in (("side", ""), ("n", "7"), ("n", True), ("size", "x" * 201), ("view", "sideways")):
+    for name, value in (("side", ""), ("n", "7"), ("n", True), ("grasp", 9), ("view", "sideways")):
         before = getattr(visitor.panel, name).value
         visitor.change(name, value)
         visitor.wait(bool, "a message")
@@ -292,8 +302,8 @@ def test_many_changes_at_once_end_in_the_last_and_few_are_worked_on(
     with visitor.page.lock:  # as if a trial took its time
         for number in range(120):
             visitor.change("grasp", (0, 2, 1)[number % 3])
-        visitor.change("size", "x" * 201)  # what comes behind them all is answered without waiting for a turn
-        visitor.hears("at most 200")
+        visitor.change("object", "teapot")  # what comes behind them all is answered without waiting for a turn
+        visitor.hears("unknown object")
         assert looked == []
     visitor.wait(lambda _: visitor.page.session.index == 1, "the last grasp asked for")
     visitor.press("sample")
@@ -306,8 +316,8 @@ def test_fast_clicks_on_next_all_count(visitor: Visitor) -> None:
     with visitor.page.lock:
         for _ in range(5):
             visitor.change("flip", "next")
-        visitor.change("size", "x" * 201)
-        visitor.hears("at most 200")
+        visitor.change("object", "teapot")
+        visitor.hears("unknown object")
     visitor.wait(lambda _: visitor.page.session.index == 5 % 3, "the grasp five further")
 
 
@@ -341,11 +351,6 @@ def test_a_browser_that_floods_is_read_no_faster_than_a_page_sends(monkeypatch: 
     assert clock[0] == pytest.approx(100.0 + 2_000 * 0.01 - 1.0)
 
 
-def test_a_moment_that_is_no_number_is_the_start_or_the_end(visitor: Visitor) -> None:
-    visitor.change("time", float("nan"))
-    visitor.wait(lambda _: "trial at" in visitor.panel.about.content, "a moment of the trial")
-
-
 def test_panel_and_scene_agree_after_playing_and_trying(visitor: Visitor) -> None:
     visitor.change("speed", "8 x")
     visitor.press("play")
@@ -375,27 +380,135 @@ def test_a_cell_that_rarely_holds_comes_with_a_warning(visitor: Visitor) -> None
     visitor.wait(lambda _: "rarely hold" in visitor.panel.measured.content, "the warning")
 
 
-def test_an_object_of_ones_own_size_is_sampled_and_shown(
-    hand: Hand, prior: PosturePrior, monkeypatch: pytest.MonkeyPatch
-) -> None:
+# --- objects of any size, and chances
+
+
+@pytest.fixture
+def visit(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Start], Visitor]]:
+    """Serve pages of one's own and speak to them."""
     monkeypatch.setattr(server_module, "Page", Watched)
-    heuristic, request = Screened(Heuristic(hand, prior)), SampleRequest.of(n=1)
-    server = serve(Start(heuristic, hand, request, PAPER, sample_batch(heuristic, hand, request)), port=0)
-    Watched.written.queue.clear()
-    with connect(f"ws://127.0.0.1:{server.get_port()}", subprotocols=[VISER], max_size=None) as socket:
-        visitor = Visitor(socket)
-        assert visitor.panel.size.disabled
-        visitor.change("object", OWN_SIZE)
-        visitor.change("size", "box:32x41x80mm")
-        visitor.wait(lambda _: visitor.panel.side.options == ("any", "x = 3.2 cm", "y = 4.1 cm"), "its sides")
-        visitor.change("side", "y = 4.1 cm")
-        visitor.press("sample")
-        visitor.hears("1 grasps sampled")
-        assert "has not been measured" in visitor.panel.measured.content
-        visitor.change("size", "box:32x41")
-        visitor.wait(lambda _: "lacks a unit" in visitor.panel.measured.content, "what is wrong with the size")
-        assert visitor.page.session.grasp.side_axis.tolist() == ["y"]
-    close_server(server)
+    with contextlib.ExitStack() as opened:
+
+        def begin(start: Start) -> Visitor:
+            server = serve(start, port=0)
+            opened.callback(close_server, server)
+            Watched.written.queue.clear()
+            address = f"ws://127.0.0.1:{server.get_port()}"
+            return Visitor(opened.enter_context(connect(address, subprotocols=[VISER], max_size=None)))
+
+        yield begin
+
+
+class Guess(Scorer):
+    """Call every grasp as likely to succeed as the friction is high."""
+
+    seen: ClassVar[dict[str, tuple[float, float]]] = {}
+
+    def __init__(self) -> None:
+        pass
+
+    def chances(self, grasps: Grasps, conditions: Conditions | None = None, *, is_exact: bool = False) -> Chances:
+        assert conditions is not None
+        return Chances(conditions.friction - 0.1, conditions.friction - 0.1)
+
+    def fingerprint(self) -> str:
+        return "guess"
+
+
+def started(proposal: Proposal, **asked: Any) -> Start:
+    request = SampleRequest.of(**asked)
+    return Start(proposal, proposal.hand, request, PAPER, sample_batch(proposal, proposal.hand, request))
+
+
+def test_a_size_set_by_sliders_is_sampled_and_shown(
+    hand: Hand, prior: PosturePrior, visit: Callable[[Start], Visitor]
+) -> None:
+    visitor = visit(started(Screened(Heuristic(hand, prior)), n=1))
+    panel = visitor.panel
+    assert panel.object.options == (*CATALOGUE, "box, own size", "cylinder, own size", "sphere, own size")
+    assert not any(slider.visible for slider in panel.size_sliders)
+    for kind, sizes in (("cylinder", 2), ("sphere", 1), ("box", 3)):
+        visitor.change("object", f"{kind}, own size")
+        own = panel.sizes[f"{kind}, own size"].sliders
+        assert len(own) == sizes
+        visitor.wait(lambda _, own=own: [s for s in panel.size_sliders if s.visible] == own, f"sliders of a {kind}")
+    visitor.move(own[2], 80)
+    visitor.wait(lambda _: panel.side.options == ("any", "x = 3 cm", "y = 4.5 cm"), "its sides")
+    assert "has not been measured" in panel.measured.content
+    visitor.change("side", "y = 4.5 cm")
+    visitor.press("sample")
+    visitor.hears("1 grasps sampled")
+    assert visitor.page.session.grasp.side_axis.tolist() == ["y"]
+    assert visitor.page.session.grasp.object_name.tolist() == ["box:30x45x80mm"]
+    visitor.change("object", "box_medium")
+    visitor.wait(lambda _: not any(slider.visible for slider in panel.size_sliders), "no sliders")
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0, 0.0, 14.9, 90.1, 1e300, "40", True])
+def test_a_size_that_its_slider_does_not_reach_is_refused(
+    hand: Hand, prior: PosturePrior, visit: Callable[[Start], Visitor], value: object, silent: None
+) -> None:
+    visitor = visit(started(Screened(Heuristic(hand, prior)), n=1, object="box:30x30x30mm"))
+    slider = visitor.panel.size_sliders[0]
+    visitor.move(slider, value)
+    visitor.hears("x mm must be a number" if isinstance(value, str | bool) else "x mm must be between 15 and 90, got")
+    assert slider.value == 30.0
+
+
+def test_a_size_that_the_hand_cannot_hold_is_told_before_it_is_sampled(
+    hand: Hand, prior: PosturePrior, visit: Callable[[Start], Visitor]
+) -> None:
+    visitor = visit(started(Screened(Heuristic(hand, prior)), n=1, object="box:60x70x80mm"))
+    visitor.move(visitor.panel.size_sliders[0], 66)
+    words = "no side of box:66x70x80mm is within the hand's reach of 6.5 cm"
+    visitor.wait(lambda _: html.escape(words) in visitor.panel.measured.content, "a word")
+    visitor.press("sample")
+    visitor.hears(words)
+
+
+@pytest.mark.parametrize("size", ["cylinder:12x140mm", "box:32.5x41x60mm", "sphere:19.75mm", "box:16x20x150mm"])
+def test_a_page_begins_with_any_size_that_it_was_started_with(
+    hand: Hand, prior: PosturePrior, visit: Callable[[Start], Visitor], size: str
+) -> None:
+    panel = visit(started(Screened(Heuristic(hand, prior)), n=1, object=size, side_axis="x")).panel
+    assert panel.object.value == f"{size.partition(':')[0]}, own size"
+    assert panel.request().object == as_object(size)
+    assert [slider.visible for slider in panel.sizes[panel.object.value].sliders] == [True] * (size.count("x", 3) + 1)
+
+
+def test_a_model_that_knows_objects_by_name_offers_these_and_says_so(visitor: Visitor) -> None:
+    assert visitor.panel.object.options == tuple(CATALOGUE)
+    assert visitor.panel.size_sliders == []
+    assert "model3 knows these 9 objects by name and no other size" in visitor.panel.known.content
+    visitor.change("object", "box, own size")
+    visitor.hears("unknown object 'box, own size'")
+
+
+def test_a_ranked_model_is_asked_for_grasps_that_hold_at_a_friction_and_says_how_likely(
+    hand: Hand, prior: PosturePrior, visit: Callable[[Start], Visitor]
+) -> None:
+    visitor = visit(started(Ranked(Screened(Heuristic(hand, prior)), Guess(), most_draws=1), n=2))
+    panel = visitor.panel
+    assert "each grasp's chance is estimated" in panel.measured.content
+    assert "chance of success 70 %" in panel.about.content
+    assert "chance of success at friction 0.8: 70 % on average" in panel.table.content
+    visitor.change("assumed", 0.55)
+    visitor.press("sample")
+    visitor.hears("2 grasps sampled. ")  # and what the model has to say of them
+    assert "chance below 50" in panel.message.content
+    assert "chance of success 45 %: <b>likely to fail</b>" in panel.about.content
+    assert "at friction 0.55: 45 % on average. <b>Most such grasps are expected to fail.</b>" in panel.table.content
+    asked = visitor.page.session.batch.metadata
+    assert (asked["asked"]["friction"], asked["ranking"]["friction"]) == (0.55, 0.55)
+    assert visitor.page.session.protocol is PAPER
+    for beyond in (0.4, 1.1, float("nan")):
+        visitor.change("assumed", beyond)
+        visitor.hears("assumed must be between 0.5 and 1, got")
+
+
+def test_only_a_ranked_model_has_a_friction_to_assume(visitor: Visitor) -> None:
+    assert visitor.panel.assumed is None
+    assert "chance" not in visitor.panel.about.content + visitor.panel.table.content
 
 
 def test_a_page_without_a_model_shows_its_grasps_and_says_what_sampling_needs(

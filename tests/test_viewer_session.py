@@ -1,10 +1,12 @@
 """What one browser looks at: sampling, flipping, trying, wording, packing; no browser needed."""
 
 import io
+import re
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,6 +64,16 @@ def test_a_heuristic_samples_objects_of_any_size(hand: Hand, prior: PosturePrior
     assert one.metadata == heuristic.origin(request.grasp_type, request.object) | {"asked": one.metadata["asked"]}
     assert (one.metadata["source"], one.metadata["model"]) == ("heuristic", "screened")
     assert Session(one, hand).frame("settled").object == as_object("box:32x41x60mm")
+
+
+def test_a_friction_asked_of_a_model_that_estimates_no_chances_is_refused(sampler: GraspSampler, hand: Hand) -> None:
+    with pytest.raises(InputError, match=r"model3 estimates no chances, so that a friction of 0\.5 is of no use"):
+        sample_batch(sampler, hand, SampleRequest.of(friction=0.5))
+
+
+def test_what_a_model_says_of_its_grasps_comes_along(hand: Hand, prior: PosturePrior) -> None:
+    batch = sample_batch(Screened(Heuristic(hand, prior), most_draws=1), hand, SampleRequest.of(n=100))
+    assert "grasps are not screened" in batch.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -218,6 +230,55 @@ def test_a_rate_below_thirty_percent_comes_with_a_warning(held: int, rare: bool)
     html = measured_html({"held": held, "n": 500, "protocol": "paper"})
     assert ("rarely hold" in html) is rare
     assert ('data-kind="error"' in html) is rare
+
+
+@pytest.mark.parametrize(
+    ("chances", "cells", "of_first", "mean"),
+    [
+        ([0.934, np.nan, 0.9, 0.96], ["93 %", "-", "90 %", "96 %"], "93 %</span>", "93 % on average</div>"),
+        (
+            [0.4, 0.2, 0.9, np.nan],
+            ["40 %", "20 %", "90 %", "-"],
+            "40 %: <b>likely to fail</b></span>",
+            "50 % on average<",
+        ),
+        (
+            [0.001, 0.0, 1.0, 0.999],
+            ["under 1 %", "0 %", "100 %", "over 99 %"],
+            "under 1 %: <b>likely",
+            "50 % on average<",
+        ),
+        (
+            [0.3, 0.1, 0.2, 0.2],
+            ["30 %", "10 %", "20 %", "20 %"],
+            "30 %: <b>likely",
+            "20 % on average. <b>Most such grasps",
+        ),
+    ],
+)
+def test_each_grasps_chance_is_told_where_known_with_a_plain_word_where_it_is_low(
+    session: Session, chances: list[float], cells: list[str], of_first: str, mean: str
+) -> None:
+    session.show(replace(session.batch, grasps=replace(session.batch.grasps, probability=np.array(chances))))
+    assert f"chance of success {of_first}" in grasp_html(session, "target")
+    table = table_html(session)
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in table.split("<tr")[2:]]
+    assert [row[-2] for row in rows] == cells
+    assert f"chance of success: {mean}" in table
+
+
+def test_where_no_chance_is_known_none_is_spoken_of(session: Session) -> None:
+    assert "chance" not in grasp_html(session, "target") + table_html(session)
+
+
+@pytest.mark.parametrize("metadata", [{"ranking": 3}, {"ranking": {}}, {"ranking": {"friction": "<b>"}}, {}])
+def test_a_file_may_say_anything_of_the_friction_that_chances_are_for(
+    session: Session, metadata: dict[str, Any]
+) -> None:
+    known = replace(session.batch.grasps, probability=np.full(4, 0.9))
+    session.show(replace(session.batch, grasps=known, metadata=metadata))
+    assert ": 90 % on average" in table_html(session)
+    assert "friction <b>" not in table_html(session)
 
 
 @pytest.mark.parametrize("text", ["", "short", "long " * 200])

@@ -12,6 +12,7 @@ import pytest
 from graspcascade.core.protocols import PAPER
 from graspcascade.hands import Hand
 from graspcascade.proposals.cascade.sampler import GraspSampler
+from graspcascade.proposals.heuristic import Screened
 from graspcascade.viewer import SampleRequest, sample_batch
 
 if TYPE_CHECKING:
@@ -95,6 +96,18 @@ def start(hand: Hand) -> "Start":
 
     sampler, request = GraspSampler.pretrained(), SampleRequest.of(n=4)
     return Start(sampler, hand, request, PAPER, sample_batch(sampler, hand, request))
+
+
+@pytest.fixture(scope="module")
+def any_size_address(hand: Hand) -> Iterator[str]:
+    """Serve a page whose model takes objects of any size."""
+    from graspcascade.viewer.page import Start
+    from graspcascade.viewer.server import close_server, serve
+
+    screened, request = Screened.pretrained(), SampleRequest.of("palmar_pinch", "cylinder:12x140mm", n=2)
+    server = serve(Start(screened, hand, request, PAPER, sample_batch(screened, hand, request)), port=0)
+    yield f"http://127.0.0.1:{server.get_port()}"
+    close_server(server)
 
 
 @pytest.fixture(scope="module")

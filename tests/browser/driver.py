@@ -66,8 +66,21 @@ class Browser:
         field.send_keys(Keys.CONTROL, "a")
         field.send_keys(value)
 
+    def slide(self, label: str, steps: int) -> None:
+        """Move a slider by some steps, to the right or, if negative, to the left."""
+        path = f"//label[normalize-space()='{label}']/following::*[@role='slider'][1]"
+        key = Keys.ARROW_RIGHT if steps > 0 else Keys.ARROW_LEFT
+        self.until(lambda: self.chrome.find_element(By.XPATH, path), label).send_keys(key * abs(steps))
+
+    def labels(self) -> list[str]:
+        """List the labels of the controls."""
+        return [label.text for label in self.find("label") if label.is_displayed()]
+
     def choose(self, label: str, option: str) -> None:
-        self.field(label).click()
+        field = self.field(label)
+        # What stands at the panel's lower edge lies under the handle that resizes it.
+        self.chrome.execute_script("arguments[0].scrollIntoView({block: 'center'})", field)
+        field.click()
         path = f"//*[@role='option'][normalize-space()='{option}']"
         shown = self.until(lambda: [e for e in self.chrome.find_elements(By.XPATH, path) if e.is_displayed()], option)
         shown[0].click()

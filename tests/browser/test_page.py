@@ -20,6 +20,7 @@ if not os.environ.get("CI"):  # where everything must run, a missing package is 
 import viser
 from driver import Browser
 
+from graspcascade.core.objects import CATALOGUE
 from graspcascade.core.outcomes import VERDICTS
 from graspcascade.formats import load_grasps
 from graspcascade.viewer import with_friction
@@ -152,19 +153,33 @@ def test_survives_bad_values(browser: Browser, address: str) -> None:
     assert browser.complaints() == []
 
 
-def test_an_object_of_ones_own_size_is_typed(browser: Browser, address: str) -> None:
+def test_an_object_of_ones_own_size_is_set_by_sliders(browser: Browser, any_size_address: str) -> None:
+    browser.open(any_size_address)
+    browser.wait_drawn()
+    assert browser.field("object").get_attribute("value") == "cylinder, own size"
+    assert {"diameter mm", "height mm"} <= set(browser.labels())
+    assert "x mm" not in browser.labels()
+    browser.choose("object", "box, own size")
+    browser.until(lambda: {"x mm", "y mm", "z mm"} <= set(browser.labels()), "a slider for each side of a box")
+    assert "diameter mm" not in browser.labels()
+    browser.slide("x mm", 8)  # it was 32 mm
+    browser.slide("z mm", -5)  # it was 60 mm
+    browser.until(
+        lambda: browser.options("held by") == ["any", "x = 4 cm", "y = 4.1 cm", "z = 5.5 cm"], "the sides of the box"
+    )
+    browser.press("Sample")
+    browser.wait_text(".gc-message", "2 grasps sampled")
+    browser.wait_text(".gc-shown", "settled")
+    browser.press("Download")
+    path = browser.downloaded("palmar_pinch_box_40x41x55mm_seed0.json")
+    assert list(load_grasps(path).tasks.objects) == ["box:40x41x55mm"]
+    assert browser.complaints() == []
+
+
+def test_a_model_that_knows_objects_by_name_says_so_and_offers_these(browser: Browser, address: str) -> None:
     browser.open(address)
-    browser.choose("object", "own size")
-    browser.type("size", "box:30x4")
-    browser.wait_text(".gc-measured", "lacks a unit")
-    browser.type("size", "cylinder:35x70mm")  # the catalogue's own, which the cascade knows
-    browser.wait_text(".gc-measured", "of 500 trials held")
-    browser.until(lambda: browser.options("held by") == ["any", "x = 3.5 cm"], "the sides of the cylinder")
-    browser.press("Sample")
-    browser.wait_text(".gc-message", "4 grasps sampled")
-    browser.type("size", "sphere:41mm")
-    browser.press("Sample")
-    browser.wait_text(".gc-message[data-kind=error]", "knows 9 objects")
+    assert "knows these 9 objects by name and no other size" in browser.text(".gc-hint")
+    assert browser.options("object") == list(CATALOGUE)
 
 
 def test_two_browsers_at_once_do_not_disturb_each_other(

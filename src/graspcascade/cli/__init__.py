@@ -38,10 +38,12 @@ VERBS: Mapping[str, Verb] = {
     "prior": Verb("learning", "train the posture prior from seeds or recordings"),
     "collect": Verb("learning", "collect trials of the heuristic as a dataset", _AGAIN),
     "train": Verb("learning", "train a cascade on a dataset"),
+    "build": Verb("learning", "all of these in one: a model for objects of any size, measured", _AGAIN),
     "view": Verb("grasps", "a web page: sample, see, try and download grasps"),
     "export": Verb("grasps", "write the grasps of a file in another format"),
     "hands": Verb("catalogue", "list the hands, or show one's joints, limits and frames"),
     "objects": Verb("catalogue", "list the objects and their graspable sides"),
+    "types": Verb("catalogue", "how likely grasps of each type and side of an object are to hold"),
     "completion": Verb("catalogue", "a completion script for bash or zsh"),
 }
 """Every command by name, in the order of the workflow."""

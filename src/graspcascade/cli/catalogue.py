@@ -1,4 +1,4 @@
-"""``graspcascade hands``, ``objects`` and ``completion``: what there is."""
+"""``graspcascade types``, ``hands``, ``objects`` and ``completion``: what there is, and what works."""
 
 from __future__ import annotations
 
@@ -9,10 +9,51 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from tyro.conf import Positional, arg
 
-from ..core.objects import CATALOGUE
+from ..core.objects import CATALOGUE, as_object
 from ..hands import Hand, load_hand, shipped_hands
-from . import VERBS, command_class, tyro_config
-from .console import HandName, Json, numbers, print_json, print_table
+from . import VERBS, command_class, console, tyro_config
+from .console import Friction, HandName, Json, MassG, ModelName, OwnHand, numbers, print_json, print_table
+
+
+@dataclass(frozen=True)
+class Types:
+    """Say how likely grasps of an object are to hold, for each grasp type and each side within the hand's reach.
+
+    It is the model's own estimate: 64 grasps of each are drawn, and none is tried.
+    """
+
+    object: Annotated[Positional[str], arg(metavar="OBJECT")]
+    """Catalogue name, or a size: box:32x41x60mm, cylinder:27x80mm (diameter x height), sphere:40mm."""
+    friction: Friction = None
+    mass_g: MassG = None
+    model: ModelName = "default"
+    hand: OwnHand = None
+    json: Json = False
+
+    def run(self) -> None:
+        """Print a line for each type and side."""
+        from ..proposals.ranked import feasibility
+
+        obj = console.weighed(as_object(self.object), self.mass_g)
+        proposal = console.load_proposal(self.model, self.hand)
+        ranked = console.as_ranked(console.with_friction(proposal, self.friction, self.model), self.model, "this")
+        rows = feasibility(ranked, obj)
+        if self.json:
+            about = {"object": obj.name, **obj.to_json(), "mass_kg": obj.mass_kg, "friction": ranked.friction}
+            print_json({"model": ranked.name, **about, "types": [row.to_json() for row in rows]})
+            return
+        print(f"{obj.name} of {obj.mass_kg * 1000:.3g} g, friction {ranked.friction:g}, by the model's estimate:")
+        good = f"raw draws\nfrom {100 * ranked.good_enough:g} %"
+        print_table(
+            ["type", "side\ncm", "chance\n%", good, "works"],
+            [
+                [row.grasp_type, f"{row.side_axis} {row.side_m * 100:g}"]
+                + [f"{100 * share:.0f}" for share in (row.chance, row.good_draws)]
+                + [row.word]
+                for row in rows
+            ],
+            left=(0, 1, 4),
+        )
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,9 +26,11 @@ from ..core.taxonomy import GRASP_TYPES
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from ..core.objects import GraspObject
     from ..hands import Hand
     from ..proposals import Proposal
     from ..proposals.prior import PosturePrior
+    from ..proposals.ranked import Ranked
     from ..studies.rounds import Pair
 
 Flag = FlagCreatePairsOff[bool]
@@ -36,8 +39,8 @@ Trust = Annotated[Flag, arg(help="Unpickle .npy files, which can run any code: o
 HandName = Annotated[str, arg(metavar="NAME|FILE", help="Hand: a shipped one's name or a hand file (hand.yaml).")]
 _OWN_HAND = "Hand: a shipped one's name or a hand file; by default the model's."
 OwnHand = Annotated[str | None, arg(metavar="NAME|FILE", help=_OWN_HAND)]
-_MODEL = """A shipped cascade's name, the folder of a trained one, 'heuristic' (the paper's), or 'screened': the
-heuristic that draws again where the digits cannot touch. These two take any size."""
+_MODEL = """A shipped model's name, the folder of a trained one, 'heuristic' (the paper's), or 'screened': the heuristic
+that draws again where the digits cannot touch. These two take any size. A scorer in the folder ranks the grasps."""
 ModelName = Annotated[str, arg(metavar="NAME|FOLDER", help=_MODEL)]
 _PRIOR = "Posture prior of the heuristic (.safetensors); the shipped one without it."
 PriorFile = Annotated[Path | None, arg(metavar="FILE", help=_PRIOR)]
@@ -50,6 +53,10 @@ Workers = Annotated[int, arg(help=_WORKERS)]
 _OBJECTS = """Object to try, by name or size; or any:box, any:cylinder or any:sphere, of which each trial draws a size,
 or any for all three. Give the option again for more. Without it, the catalogue's nine or those that a model knows."""
 Objects = Annotated[UseAppendAction[tuple[str, ...]], arg(name="object", metavar="NAME|SIZE", help=_OBJECTS)]
+Raw = Annotated[Flag, arg(help="Take the cascade's grasps as they are drawn, where a scorer would rank them.")]
+_FRICTION = "Sliding friction for which grasps are ranked, where the model has a scorer; without it, protocol hold's."
+Friction = Annotated[float | None, arg(help=_FRICTION)]
+MassG = Annotated[float | None, arg(help="Mass of the object in grams; without it, what 600 kg/m3 make.")]
 PoseNumbers = tuple[float, float, float, float, float, float, float]
 _POSE = "Object pose in the world, metres and a unit quaternion; it gives the hand's pose in the world."
 ObjectPose = Annotated[PoseNumbers | None, arg(metavar="X Y Z QW QX QY QZ", help=_POSE)]
@@ -174,14 +181,45 @@ def load_prior(path: Path | None) -> PosturePrior:
     return PosturePrior.pretrained() if path is None else PosturePrior.load(path)
 
 
-def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Proposal:
-    """Load what `--model` names; a folder that has the name of a shipped cascade is given as ``./name``.
+def weighed(obj: GraspObject, mass_g: float | None) -> GraspObject:
+    """Give an object the mass that was asked for, if any."""
+    return obj if mass_g is None else obj.weighing(mass_g / 1000)
+
+
+def with_friction(proposal: Proposal, friction: float | None, model: str) -> Proposal:
+    """Rank the grasps of what `--model` names for a friction, if one was asked for.
+
+    Raises:
+        InputError: grasps are not ranked, or the friction is out of range.
+    """
+    return proposal if friction is None else replace(as_ranked(proposal, model, "--friction"), friction=friction)
+
+
+def as_ranked(proposal: Proposal, model: str, what: str) -> Ranked:
+    """Take what `--model` names as ranked grasps; where it has no scorer, an InputError says which models have one."""
+    from ..proposals.cascade.sampler import shipped_folders
+    from ..proposals.ranked import Ranked
+    from ..proposals.scorer import SCORER_FILE
+
+    if isinstance(proposal, Ranked):
+        return proposal
+    scored = [name for name, folder in shipped_folders().items() if (folder / SCORER_FILE).is_file()]
+    others = f"of the shipped models {', '.join(scored) or 'none'} has one, and `graspcascade build` makes one"
+    raise InputError(f"{what} needs a model with a scorer, and --model {model} has none; {others}")
+
+
+def load_proposal(model: str, hand: str | None, prior: Path | None = None, *, raw: bool = False) -> Proposal:
+    """Load what `--model` names, ranked by the scorer beside it unless `raw`.
+
+    A folder that has the name of a shipped cascade is given as ``./name``.
 
     Raises:
         InputError: no such model or hand, a prior with a cascade, or a hand of other joints than the cascade's.
     """
     from ..proposals.cascade.sampler import GraspSampler, shipped_folders
     from ..proposals.heuristic import Heuristic, Screened
+    from ..proposals.ranked import Ranked
+    from ..proposals.scorer import SCORER_FILE
 
     untrained = Heuristic.name, Screened.name
     if model in untrained:
@@ -192,14 +230,16 @@ def load_proposal(model: str, hand: str | None, prior: Path | None = None) -> Pr
     shipped, is_path = shipped_folders(), os.sep in model or Path(model).exists()
     if not is_path and model not in shipped:
         raise InputError(f"{unknown('model', model, [*untrained, *shipped])} Or a trained cascade's folder.")
-    sampler = GraspSampler.load(model if is_path and model != "default" else shipped[model])
-    if hand is not None and set((own := hands.load_hand(hand)).joint_names) != set(sampler.hand.joint_names):
+    folder = Path(model) if is_path and model != "default" else shipped[model]
+    is_ranked = (folder / SCORER_FILE).is_file() and not raw
+    proposal: Proposal = Ranked.load(folder) if is_ranked else GraspSampler.load(folder)
+    if hand is not None and set((own := hands.load_hand(hand)).joint_names) != set(proposal.hand.joint_names):
         shared = set(own.joint_names) <= set(load_prior(None).joint_names)
         raise InputError(
-            f"model {model!r} is for {sampler.hand.name}; {own.name} has other joints. Train a model for it, or "
+            f"model {model!r} is for {proposal.hand.name}; {own.name} has other joints. Train a model for it, or "
             f"give --model screened{'' if shared else ' with a --prior of its own'}"
         )
-    return sampler
+    return proposal
 
 
 class Bar:

@@ -23,14 +23,17 @@ from ..formats.registry import GraspFormat, format_to_read, format_to_write
 from . import console
 from .console import (
     Flag,
+    Friction,
     HandName,
     Json,
+    MassG,
     ModelName,
     ObjectPose,
     OwnHand,
     PoseNumbers,
     PriorFile,
     ProtocolName,
+    Raw,
     Trust,
     numbers,
 )
@@ -64,6 +67,9 @@ class Sample:
     """The side to hold by its body axis (x, y or z) instead of its length."""
     n: int = 10
     """Number of grasps."""
+    friction: Friction = None
+    mass_g: MassG = None
+    raw: Raw = False
     seed: int = 0
     """Seed of the draws: the same seed gives the same grasps."""
     object_pose: ObjectPose = None
@@ -80,7 +86,8 @@ class Sample:
 
     def run(self) -> None:
         """Sample, then print or write."""
-        kind, obj, placed = as_type(self.grasp_type), as_object(self.object), console.object_pose(self.object_pose)
+        kind, placed = as_type(self.grasp_type), console.object_pose(self.object_pose)
+        obj = console.weighed(as_object(self.object), self.mass_g)
         if self.side_cm is not None and self.side_axis is not None:
             raise InputError("give --side-cm or --side-axis, not both")
         if self.out is not None:
@@ -92,13 +99,17 @@ class Sample:
             check_png(self.picture)
             need_matplotlib()
             need_renderer()
-        proposal = console.load_proposal(self.model, self.hand, self.prior)
+        if self.raw and self.friction is not None:
+            raise InputError("--friction is what grasps are ranked for; give it or --raw, not both")
+        proposal = console.load_proposal(self.model, self.hand, self.prior, raw=self.raw)
+        proposal = console.with_friction(proposal, self.friction, self.model)
         reach_m = proposal.hand.reach_m
         side = self.side_axis if self.side_cm is None else obj.site_of_length(self.side_cm / 100, reach_m)
         grasps = proposal.sample(kind.name, obj, side, self.n, self.seed)
         console.say("sample", *proposal.notes(grasps))
         asked: dict[str, Any] = {"grasp_type": kind.name, "object": obj.name}
-        asked |= {"side_cm": self.side_cm, "side_axis": self.side_axis, "n": self.n, "seed": self.seed}
+        names = ("side_cm", "side_axis", "n", "friction", "mass_g", "raw", "seed")
+        asked |= {name: getattr(self, name) for name in names}
         versions = {"graspcascade": version("graspcascade"), "numpy": np.__version__}
         metadata = proposal.origin(kind, obj) | {"asked": asked, "versions": versions}
         if self.out is not None:
@@ -127,10 +138,13 @@ class Sample:
 def _print_summary(grasps: Grasps, placed: Pose | None) -> None:
     print(f"{grasps.grasp_type[0]} grasps of {grasps.object_name[0]}; the object in the hand (palm) frame:")
     pose, rows = grasps.X_hand_object, []
+    chances = np.isfinite(grasps.probability).any()
     for i, (axis, side_m, grasp_m) in enumerate(zip(grasps.side_axis, grasps.side_m, grasps.grasp_size_m, strict=True)):
         at = numbers(pose.position_m[i] * 1000, "6.1f"), numbers(pose.quat_wxyz[i], "6.3f")
-        rows.append([str(i), f"{axis} {side_m * 100:g}", f"{grasp_m * 100:.1f}", *at])
-    titles = ["#", "side\ncm", "grasp\ncm", "position mm\n(x y z)", "quaternion\n(w x y z)"]
+        chance = [f"{100 * grasps.probability[i]:.0f}"] if chances else []
+        rows.append([str(i), *chance, f"{axis} {side_m * 100:g}", f"{grasp_m * 100:.1f}", *at])
+    chance = ["chance\n%"] if chances else []
+    titles = ["#", *chance, "side\ncm", "grasp\ncm", "position mm\n(x y z)", "quaternion\n(w x y z)"]
     console.print_table(titles, rows)
     if placed is not None:
         print("hand (palm) frame in the world, for the object pose given:")

@@ -1,9 +1,10 @@
-"""``graspcascade seeds``, ``prior``, ``collect`` and ``train``: the chain behind a cascade."""
+"""``graspcascade seeds``, ``prior``, ``collect``, ``train`` and ``build``: the chain behind a cascade."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from ..core.errors import InputError
+from ..core.errors import MAX_SEED, InputError, check_whole
 from ..core.files import write_folder_staged
 from ..core.objects import CATALOGUE
 from ..core.protocols import as_protocol
@@ -22,6 +23,8 @@ from ..hands import Hand, load_hand
 from ..nets import EpochRecord, TrainingSpec
 from ..proposals.cascade.stages import factorization
 from ..proposals.heuristic import CENTRED, SPREAD, Heuristic
+from ..studies import build as studies_build
+from ..studies.build import BuildSpec
 from ..studies.collect import CollectionSpec, CollectionState, collect
 from ..studies.dataset import load_dataset
 from ..studies.learn import PRIOR_TRAINING, CascadeTraining, fit_cascade, fit_prior
@@ -259,6 +262,64 @@ class Train:
         else:
             stages = ", ".join(f"{name} {loss:.3f}" for name, loss in losses.items())
             print(f"{chosen.name} trained on {self.data}, written to {self.out}; final loss: {stages}")
+
+
+@dataclass(frozen=True)
+class Build:
+    """Make a model for boxes, cylinders and spheres of any size from nothing: seeds, prior, trials, cascade and scorer.
+
+    Each round tries grasps of what the round before taught, and what all rounds taught is measured. Run again with the
+    same arguments to go on.
+    """
+
+    out: Path
+    """Folder for all that is made; the model is model-N in it, N the number of rounds."""
+    hand: HandName = "shadow"
+    trials: tuple[int, ...] = BuildSpec().trials_per_cell
+    """Trials of each kind of object and type in each round."""
+    evaluation: int = BuildSpec().evaluation_per_cell
+    """Trials of each kind of object and type in an evaluation."""
+    seed: int = 0
+    """Seed of trials and evaluations."""
+    threads: Threads = 0
+    workers: int = 0
+    """Processes to train stages side by side in, 0 for as many as processors; the weights are the same."""
+    json: Json = False
+
+    def run(self) -> None:
+        """Build, then print what was measured."""
+        console.need("pyarrow")
+        console.need("torch")
+        console.check_threads(threads=self.threads, workers=self.workers)
+        check_whole("seed", self.seed, most=MAX_SEED - 1)
+        spec = BuildSpec(trials_per_cell=self.trials, evaluation_per_cell=self.evaluation, seed=self.seed)
+        hand, engine = load_hand(self.hand), as_engine(n_threads=self.threads)
+        with ExitStack() as bars:
+            shown: dict[str, Bar] = {}
+
+            def report(step: str, done: int, total: int) -> None:
+                if step not in shown:
+                    bars.close()
+                    shown[step] = bars.enter_context(console.bar(step))
+                shown[step].show(done, total)
+
+            build = studies_build.Build(hand, self.out, spec, engine, self.workers, report)
+            possible = {kind.name for _, kind in build.cells}
+            if left_out := [name for name in GRASP_TYPES if name not in possible]:
+                console.say("build", f"left out {', '.join(left_out)}: {hand.name} lacks digits or places for them")
+            build.trained()
+            measured = build.measured()
+        model = build.model(len(spec.trials_per_cell))
+        if self.json:
+            console.print_json({"model": str(model), "measured": [each.to_json() for each in measured]})
+            return
+        rows = [
+            [str(each.round), each.grasps, each.evaluation.protocol.name, str(each.evaluation.n)]
+            + [console.interval(rate.to_json()) for rate in (each.evaluation.held, each.evaluation.faithful)]
+            for each in measured
+        ]
+        console.print_table(["round", "grasps", "protocol", "trials", "held", "type-faithful"], rows, left=(1, 2))
+        print(f"the model is {model}; what it is and does not do: {model / studies_build.CARD_FILE}")
 
 
 def shows_epochs(progress: Bar, stages: int) -> Callable[[str, EpochRecord], None]:

@@ -24,7 +24,19 @@ from ..formats import GraspDocument, check_target, load_executable, save_grasps
 from ..hands import Hand, executing_hand, load_hand
 from ..proposals import Proposal
 from . import console
-from .console import EngineName, HandName, Json, ModelName, OwnHand, PriorFile, ProtocolName, Threads, Trust, Workers
+from .console import (
+    EngineName,
+    HandName,
+    Json,
+    ModelName,
+    OwnHand,
+    PriorFile,
+    ProtocolName,
+    Raw,
+    Threads,
+    Trust,
+    Workers,
+)
 
 if TYPE_CHECKING:
     from ..studies.sweep import Sweep
@@ -231,6 +243,7 @@ class Evaluate:
     objects: console.Objects = ()
     protocol: ProtocolName = "paper"
     engine: EngineName = "mujoco"
+    raw: Raw = False
     hand: OwnHand = None
     prior: PriorFile = None
     seed: int = 0
@@ -254,7 +267,7 @@ class Evaluate:
             raise InputError("--sweep needs a condition, like friction=0.4:1.2")
         console.check_threads(threads=self.threads, workers=self.workers)
         protocol, engine = as_protocol(self.protocol), as_engine(self.engine, n_threads=self.threads)
-        proposal = console.load_proposal(self.model, self.hand, self.prior)
+        proposal = console.load_proposal(self.model, self.hand, self.prior, raw=self.raw)
         hand = executing_hand(proposal.hand, self.hand)
         cells = console.possible_cells(proposal, hand, "evaluate", self.objects)
         asked: dict[str, Any] = {"per_cell": self.per_cell, "seed": self.seed, "protocol": protocol, "hand": hand}

@@ -6,7 +6,7 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -231,6 +231,19 @@ class GraspObject:
     def mass_kg(self) -> float:
         """Mass in kilograms."""
         return self.shape.volume_m3 * self.density_kg_m3
+
+    def weighing(self, mass_kg: float) -> GraspObject:
+        """Make the same object of another mass.
+
+        Raises:
+            InputError: it would need a density outside `DENSITIES_KG_M3`.
+        """
+        volume = self.shape.volume_m3
+        least, most = (density * volume for density in DENSITIES_KG_M3)
+        if not least <= mass_kg <= most:
+            grams = f"{least * 1000:.3g} to {most * 1000:.5g} g"
+            raise InputError(f"{shortened(self.name)} can have a mass of {grams}, got {mass_kg * 1000:g} g")
+        return replace(self, density_kg_m3=mass_kg / volume)
 
     @property
     def sides_m(self) -> dict[str, float]:

@@ -28,6 +28,7 @@ from . import foreign
 from .document import ANGLES, Assumptions, ExportOptions, GraspDocument, mapping, number, pose_of
 from .foreign import KEY, ForeignGrasp
 
+_CHANCE = {f"{KEY} grasp probability": "chance to hold as its type asks; None unknown"}
 _DIGITS = {"FF": 4, "MF": 4, "RF": 4, "LF": 5, "TH": 5}
 JOINTS: tuple[str, ...] = tuple(f"{digit}J{joint}" for digit, n in _DIGITS.items() for joint in range(n, 0, -1))
 BENCH, NET = "DexGraspBench", "DexGraspNet"
@@ -42,6 +43,7 @@ BENCH_CONVENTIONS = {
     "pregrasp_qpos": "open hand",
     "grasp_qpos": "in contact, from a trial; where contact_measured is false, the target",
     "squeeze_qpos": "joint targets",
+    **_CHANCE,
 }
 TRANSLATION: tuple[str, ...] = ("WRJTx", "WRJTy", "WRJTz")
 ROTATION: tuple[str, ...] = ("WRJRx", "WRJRy", "WRJRz")
@@ -52,6 +54,7 @@ NET_CONVENTIONS = {
     "qpos WRJR": "its rotation about the fixed axes x, then y, then z, radians (transforms3d 'sxyz')",
     "qpos robot0": "radians; numbered from 0, so FFJ3 is the FFJ4 of joint_names, with the sign of that hand model",
     "scale": "of the mesh, which is in metres",
+    **_CHANCE,
 }
 
 

@@ -29,18 +29,19 @@ MESSAGE = "moveit_msgs/msg/Grasp"
 FOREARM = "forearm"
 _PALM_NORMAL = np.array([0.0, -1.0, 0.0])
 """In the hand frame."""
+_CHANCE = "the grasp's own chance to hold as its type asks, else the share of its type and object that held, else 0"
 ISAAC_CONVENTIONS = {
     "position, orientation": "pose of the gripper frame (palm body) in the object frame, metres, quaternion w and xyz",
     "cspace_position": "joint targets to close to, radians, by name",
     "pregrasp_cspace_position": "open hand before closing, radians, by name",
-    "confidence": "chance to hold; 0 where it was not measured",
+    "confidence": _CHANCE,
     "object_scale": "by which the object of that name is scaled",
 }
 MOVEIT_CONVENTIONS = {
     "grasp_pose": "pose of the parent link in header.frame_id, metres, quaternion x y z w by name; an empty "
     "frame_id is the object's own frame",
     "pre_grasp_posture, grasp_posture": "one point each, radians, in the order of its joint_names",
-    "grasp_quality": "chance to hold; 0 where it was not measured",
+    "grasp_quality": _CHANCE,
     "pre_grasp_approach": "the way the palm faces (-y of the hand frame), in the parent link's frame",
     "post_grasp_retreat": "upwards (z of the world) where poses are in the world, else the way the palm came",
     "post_place_retreat": "the way the palm came",

@@ -45,6 +45,11 @@ class Proposal(ABC):
         """Objects that it is usually tried on; here those of the catalogue."""
         return tuple(CATALOGUE.values())
 
+    @property
+    def takes_any_size(self) -> bool:
+        """Whether objects of any size can be asked for; else `objects` are all that it knows."""
+        return True
+
     def as_type(self, given: GraspType | str) -> GraspType:
         """Read a grasp type: one as it is, or a name, of its own types first; an unknown one is an InputError."""
         return as_type(given, {**GRASP_TYPES, **{kind.name: kind for kind in self.grasp_types}})

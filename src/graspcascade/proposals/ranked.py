@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..core.grasps import Grasps
 from ..core.objects import GraspObject
 from ..core.poses import Pose, canonical_quat, quat_multiply
 from ..core.protocols import HOLD, Conditions
-from ..core.tasks import Tasks
+from ..core.tasks import Task, Tasks
 from ..core.taxonomy import GraspType
 from ..hands.hand import Hand
 from . import Proposal
@@ -43,6 +43,11 @@ class _Derived(Proposal):
     def objects(self) -> tuple[GraspObject, ...]:
         """Objects that the other is usually tried on."""
         return self.proposal.objects
+
+    @property
+    def takes_any_size(self) -> bool:
+        """Whether the other can be asked for objects of any size."""
+        return self.proposal.takes_any_size
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +95,7 @@ class Ranked(_Derived):
             FileFormatError: a file is truncated, foreign or of another kind.
         """
         cascade = GraspSampler.load(folder)
-        return cls(cascade, Scorer.load(folder), name=cascade.name, **options)
+        return cls(cascade, Scorer.load(folder), name=f"{cascade.name}, ranked", **options)
 
     def _conditions(self, n: int) -> Conditions:
         return Conditions.of(HOLD.physics, n, friction=self.friction, gain_factor=self.gain_factor)
@@ -134,13 +139,112 @@ class Ranked(_Derived):
         rows[others[np.argsort(task[others], kind="stable")]] = chosen[chosen >= n]
         return rows
 
+    def notes(self, grasps: Grasps) -> tuple[str, ...]:
+        """Say which of its grasps are unlikely to hold, and what of the same object is likelier."""
+        said = [*self.proposal.notes(grasps), *self._unseen(grasps)]
+        known: dict[GraspObject, tuple[Feasibility, ...]] = {}
+        for task, rows in grasps.tasks.groups(lambda task: task):
+            chance = grasps.probability[rows]
+            if not (unlikely := int((chance < FAIR).sum())):
+                continue
+            obj, kind, side = task.object, task.grasp_type.name, task.site.name
+            if obj not in known:
+                known[obj] = feasibility(self, obj)
+            mean = float(chance.mean())
+            likelier = [
+                each
+                for each in known[obj]
+                if each.chance >= max(FAIR, mean) and (each.grasp_type, each.side_axis) != (kind, side)
+            ]
+            likelier.sort(key=lambda each: (each.grasp_type != kind, -each.chance))
+            best = ", ".join(
+                f"{each.grasp_type} by {each.side_axis} ({100 * each.chance:.0f} %)" for each in likelier[:3]
+            )
+            which = f"{unlikely} of {len(chance)} {kind} grasps of {obj.name} by side {side}: chance below 50 %"
+            if best or mean < FAIR:
+                which += f"; likelier: {best}" if best else "; no type or side of it reaches that"
+            said.append(which)
+        return tuple(said)
+
+    def _unseen(self, grasps: Grasps) -> list[str]:
+        """Say which conditions are beyond those of the trials that the scorer learned from, if these were recorded."""
+        mass_g = [1000 * task.object.mass_kg for task in grasps.tasks.distinct]
+        asked = {"friction": [self.friction], "mass_g": mass_g}
+        return [
+            f"the scorer saw {name.replace('_', ' in ')} {low:g} to {high:g}; chances at {wrong[0]:.4g} are guesses"
+            for name, (low, high) in self.scorer.seen.items()
+            if (wrong := [value for value in asked.get(name, ()) if not low <= round(value, 2) <= high])
+        ]
+
     def describe(self) -> dict[str, Any]:
         """Say for a record what is drawn from, and what is good enough."""
-        rule = {name: getattr(self, name) for name in ("good_enough", "most_draws", "friction", "gain_factor")}
-        return self.proposal.describe() | {"scorer": self.scorer.fingerprint(), "ranking": rule}
+        return self.proposal.describe() | self._ranking()
 
-    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:  # noqa: D102 (inherited)
-        return self.proposal.origin(kind, obj) | {"scorer": self.scorer.fingerprint()}
+    def _ranking(self) -> dict[str, Any]:
+        rule = {name: getattr(self, name) for name in ("good_enough", "most_draws", "friction", "gain_factor")}
+        return {"scorer": self.scorer.fingerprint(), "ranking": rule}
+
+    def origin(self, kind: GraspType, obj: GraspObject) -> dict[str, Any]:
+        """Say for a file where grasps come from; what was measured of unranked ones is left out."""
+        return self.proposal.origin(kind, obj) | {"model": self.name, "measured": {}} | self._ranking()
+
+
+FAIR = 0.5
+"""Chance below which a user is told."""
+WORDS = {"good": 0.9, "fair": FAIR, "poor": 0.1, "none": 0.0}
+"""What a type and side of an object are called from a mean chance on."""
+
+
+@dataclass(frozen=True)
+class Feasibility:
+    """Say how likely grasps of a type are that hold an object by one of its sides.
+
+    Attributes:
+        grasp_type, side_axis: names of the type and of the side's body axis.
+        side_m: length of the side, metres.
+        chance: mean chance of ranked grasps to hold as the type asks.
+        good_draws: share of draws that are good enough without a second one.
+    """
+
+    grasp_type: str
+    side_axis: str
+    side_m: float
+    chance: float
+    good_draws: float
+
+    @property
+    def word(self) -> str:
+        """Word the chance, in whole percent, as `WORDS` says."""
+        return next(word for word, least in WORDS.items() if round(self.chance, 2) >= least)
+
+    def to_json(self) -> dict[str, Any]:
+        """Describe it as plain data."""
+        return asdict(self) | {"works": self.word}
+
+
+def feasibility(ranked: Ranked, obj: GraspObject, n: int = 64, seed: int = 0) -> tuple[Feasibility, ...]:
+    """Estimate for each type, and each side within the hand's reach, how well grasps of an object work.
+
+    Args:
+        ranked: whose types, in their order, and whose friction.
+        obj: the object, with its mass.
+        n: grasps drawn of each type and side.
+        seed: of the draws.
+
+    Raises:
+        InputError: no side is within the hand's reach, or see `Proposal.propose`.
+    """
+    reach_m = ranked.hand.reach_m
+    table = tuple(Task(kind, obj, site) for kind in ranked.grasp_types for site in obj.sites(reach_m).values())
+    if not table:
+        raise InputError(f"no side of {obj.name} is within the hand's reach of {reach_m * 100:g} cm")
+    tasks = Tasks(table, np.repeat(np.arange(len(table)), n))
+    drawn, likely = (each.propose(tasks, np.random.default_rng(seed)) for each in (ranked.proposal, ranked))
+    shape = len(table), n
+    chance = likely.probability.reshape(shape).mean(axis=1).tolist()
+    good = (ranked.chances(drawn) >= ranked.good_enough).reshape(shape).mean(axis=1).tolist()
+    rows = zip(table, chance, good, strict=True)
+    return tuple(Feasibility(task.grasp_type.name, task.site.name, task.site.width_m, *each) for task, *each in rows)
 
 
 @dataclass(frozen=True, eq=False)

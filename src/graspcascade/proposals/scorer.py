@@ -28,6 +28,7 @@ Array32 = NDArray[np.float32]
 
 SCORER_FILE = "scorer.safetensors"
 _KIND, _DECODER = "grasp scorer", "scorer"
+Seen = dict[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -160,6 +161,11 @@ class Scorer:
     decoder: NumpyDecoder
     metadata: dict[str, Any]
 
+    @property
+    def seen(self) -> Seen:
+        """Least and greatest friction, and mass in grams, of the trials it learned from; empty where not recorded."""
+        return msgspec.convert(self.metadata.get("seen", {}), Seen)
+
     def __repr__(self) -> str:
         """Word the scorer in one line."""
         return f"<Scorer of {len(self.view.grasp_types)} grasp types for {self.hand.name}>"
@@ -224,6 +230,7 @@ class Scorer:
         try:
             view, hand = msgspec.convert(about["view"], View), Hand.from_json(about["hand"])
             training = msgspec.convert(about["training"], dict[str, Any])
+            msgspec.convert(training.get("seen", {}), Seen)
             hand.kinematics.points({}, view.points)
         except (KeyError, TypeError, InputError, msgspec.ValidationError) as error:
             raise FileFormatError(f"{path} lacks or garbles {error}") from error

@@ -114,12 +114,16 @@ def fit_scorer(
     kinds = list(dict.fromkeys(task.grasp_type for each in datasets for task in each.grasps.tasks.distinct))
     view = View.of(hand, [kind.name for kind in kinds], config.sight)
     known, said, happened, share = [], [], [], []
+    tried: dict[str, list[Array]] = {"friction": [], "mass_g": []}
     for each in datasets:
         about = each.conditions or Conditions.of(HOLD.physics, len(each.grasps))
         known.append(view.encode(hand, each.grasps, about, is_exact=True))
         said.append(view.encode(hand, each.grasps, without_errors(about), is_exact=False))
         happened.append(np.stack([each.outcomes.held, each.outcomes.faithful(each.grasps)], axis=1))
         share.append(_share(each.grasps))
+        tried["friction"].append(about.friction)
+        mass_g = each.grasps.tasks.column(lambda task: 1000 * task.object.mass_kg, np.float64)
+        tried["mass_g"].append(mass_g * about.density_factor)
     seen, events, shares = (np.concatenate(parts) for parts in ([*known, *said], happened * 2, share * 2))
     train, calibrate = shares >= 2 * HELD_OUT, shares < HELD_OUT
     spec = VaeSpec(view.width(hand), (HeadSpec("chance", 2),), latent_dim=0, hidden=config.hidden)
@@ -128,6 +132,7 @@ def fit_scorer(
     about_it: dict[str, Any] = {
         "config": asdict(config),
         "trials": sum(len(each.grasps) for each in datasets),
+        "seen": {name: _range(np.concatenate(parts)) for name, parts in tried.items()},
         "shards": [shards_digest(each.metadata) for each in datasets],
         "versions": versions() | {"torch": version("torch")},
     }
@@ -165,6 +170,10 @@ def calibrated(decoder: NumpyDecoder, seen: NDArray[np.float32], events: NDArray
         bias[column] = stretch * bias[column] + shift
     layer = Layer(np.ascontiguousarray(matrix, dtype=np.float32), bias.astype(np.float32))
     return replace(decoder, layers=(*decoder.layers[:-1], layer))
+
+
+def _range(values: Array) -> list[float]:
+    return [round(float(bound), 2) for bound in (values.min(), values.max())]
 
 
 def _share(grasps: Grasps) -> Array:

@@ -25,7 +25,9 @@ from .postures import LabelledPostures
 Array = NDArray[np.float64]
 _FINEST_TOLERANCE_M = 1e-9
 _UNRECORDED_SD_RAD = np.radians(5.0)
-"""Spread given to joints without recordings (LFJ5), which humans kept near zero."""
+"""Spread given to joints without recordings."""
+_STILL_JOINTS = ("LFJ5",)
+"""Joints without recordings that humans kept near zero."""
 _DIGIT_PREFIX = {"thumb": "TH", "index": "FF", "middle": "MF", "ring": "RF", "little": "LF"}
 
 
@@ -110,13 +112,11 @@ def make_seeds(
         progress: called with 1 after each posture.
 
     Raises:
-        InputError: the hand can make no type.
+        InputError: the hand can make no type, or has joints of which no human statistics are known.
     """
     spec = spec or SeedSpec()
     types = TAXONOMIES[spec.taxonomy]
-    possible = hand.possible(types.values())
-    if not possible:
-        raise InputError(f"hand {hand.name} has the digits and contact places of no grasp type")
+    possible = seedable(hand, spec.taxonomy)
     span = spec.aperture_max_m - spec.aperture_min_m
     apertures = spec.aperture_min_m + span * np.linspace(0.0, 1.0, spec.per_type) ** spec.aperture_skew
     postures, order = [], list(types)
@@ -133,6 +133,25 @@ def make_seeds(
                 progress(1)
     names = np.repeat([kind.name for kind in possible], spec.per_type)
     return LabelledPostures(hand.joint_names, np.array(postures), names, taxonomy=spec.taxonomy)
+
+
+def seedable(hand: Hand, taxonomy: str) -> tuple[GraspType, ...]:
+    """List the types of a taxonomy for which a hand can have seeds: those that it can make.
+
+    Raises:
+        InputError: there are none, or the hand has joints of which no human statistics are known.
+    """
+    possible = hand.possible(TAXONOMIES[taxonomy].values())
+    if not possible:
+        raise InputError(f"hand {hand.name} has the digits and contact places of no grasp type")
+    recorded = human_statistics(possible[0].name, hand.joint_names).recorded
+    pairs = zip(hand.joint_names, recorded.tolist(), strict=True)
+    if foreign := [name for name, known in pairs if not known and name not in _STILL_JOINTS]:
+        raise InputError(
+            f"seed postures follow human statistics, which name joints as the Shadow Hand does, and {hand.name} has "
+            f"{', '.join(foreign)}; begin with recorded postures instead: graspcascade prior --postures FILE.csv"
+        )
+    return possible
 
 
 def _solve(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, rng: np.random.Generator) -> Array:

@@ -2,44 +2,50 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import viser
 
 from ..core.errors import InputError, check_name, shortened
-from ..core.objects import CATALOGUE, GraspObject, as_object
+from ..core.families import FAMILIES
+from ..core.objects import CATALOGUE, SHAPES, Box, Cylinder, GraspObject, Shape, Sphere
 from ..core.protocols import Protocol
 from ..core.taxonomy import GRASP_TYPES, as_type
 from ..formats import FORMATS_BY_NAME
 from ..hands import Hand
 from ..proposals import Proposal
+from ..proposals.ranked import Ranked
 from .guard import Value
 from .recording import Frame, Recording
 from .session import VIEWS, Batch, SampleRequest, Session, measured, pack, sample_batch, with_friction
 from .shapes import SceneNodes
-from .words import grasp_html, measured_html, message_html, table_html
+from .words import grasp_html, hint_html, measured_html, message_html, table_html
 
 P = ParamSpec("P")
 T = TypeVar("T")
-ANY_SIDE, OWN_SIZE = "any", "own size"
+ANY_SIDE = "any"
 TRIAL = "trial"
 SPEEDS = {"0.25 x": 0.25, "0.5 x": 0.5, "1 x": 1.0, "2 x": 2.0, "4 x": 4.0, "8 x": 8.0}
 THIS, ALL = "this grasp", "all grasps"
 PREVIOUS, NEXT = "previous", "next"
 _FRAME_S = 0.04
 """Least time between two frames sent while a trial plays."""
-_MAX_TEXT = 200
 _VIEW_HINT = (
     "settled: where closing ended in physics; pregrasp: before closing; target: the joint angles commanded, which "
     "reach into the object and so squeeze it; trial: the moment below"
 )
-_SIZE_HINT = "Of an object of one's own: box:32x41x60mm, cylinder:27x80mm (diameter x height) or sphere:40mm"
+_BY_NAME = (
+    "{} knows these {} objects by name and no other size. Started with --model screened, the page takes any size."
+)
+_ASSUMED = "Friction that sampled grasps should hold at; their chances are estimated for it"
+_FRICTION = (0.5, 1.0)
+"""What protocol `varied` draws, for scorers that do not say what they saw."""
+_FIRST_SHAPES: tuple[Shape, ...] = (Box(0.032, 0.041, 0.06), Cylinder(0.027, 0.08), Sphere(0.04))
 
 
 @dataclass(frozen=True)
@@ -57,23 +63,65 @@ class Start:
     note: str = ""
 
 
+def own_size(shape: Shape | type[Shape]) -> str:
+    """Word the choice of a shape whose sizes are chosen by sliders."""
+    return f"{shape.kind}, own size"
+
+
+class SizeSliders:
+    """A slider for each size of a shape, millimetres, as far as its family goes and at least to a size given."""
+
+    def __init__(self, gui: viser.GuiApi, shape: Shape, *, visible: bool) -> None:
+        (family,) = (family for family in FAMILIES.values() if family.shape is type(shape))
+        self._shape = type(shape)
+        self.sliders = []
+        for field, size_m, (low_m, high_m) in zip(fields(shape), astuple(shape), family.ranges_m, strict=True):
+            low, value, high = (round(1000 * each, 3) for each in (min(low_m, size_m), size_m, max(high_m, size_m)))
+            label = f"{field.name.removesuffix('_m')} mm"
+            self.sliders.append(gui.add_slider(label, low, high, 1.0, value, visible=visible))
+
+    def chosen(self) -> GraspObject:
+        """Make the object of the sizes chosen."""
+        # To the micrometre: a browser may send any number of digits.
+        shape = self._shape(*(round(slider.value / 1000, 6) for slider in self.sliders))
+        return GraspObject(shape.spelling(), shape)
+
+    def show(self, visible: bool) -> None:
+        """Show or hide the sliders."""
+        for slider in self.sliders:
+            slider.visible = visible
+
+
 class Panel:
     """The widgets of one browser; values that it sends must be of their kind, and are checked where they are used."""
 
     def __init__(self, gui: viser.GuiApi, start: Start) -> None:
         request, physics, schedule = start.request, start.protocol.physics, start.protocol.schedule
-        self.reach_m = start.hand.reach_m
-        own = CATALOGUE.get(request.object.name) != request.object
+        self.reach_m, proposal, obj = start.hand.reach_m, start.proposal, request.object
+        known = CATALOGUE.values() if proposal is None else proposal.objects
+        self.objects = {one.name: one for one in known}
+        self.sizes: dict[str, SizeSliders] = {}
+        any_size = proposal is not None and proposal.takes_any_size
+        own = own_size(obj.shape) if any_size else next(iter(self.objects))
+        first = obj.name if self.objects.get(obj.name) == obj else own
         with gui.add_folder("Sample"):
             types = tuple(kind.name for kind in start.hand.grasp_types) or tuple(GRASP_TYPES)
             begin = request.grasp_type.name if request.grasp_type.name in types else types[0]
             self.grasp_type = gui.add_dropdown("type", types, initial_value=begin)
-            chosen = OWN_SIZE if own else request.object.name
-            self.object = gui.add_dropdown("object", (*CATALOGUE, OWN_SIZE), initial_value=chosen)
-            size = request.object.shape.spelling() if own else "box:32x41x60mm"
-            self.size = gui.add_text("size", size, disabled=not own, hint=_SIZE_HINT)
-            sides = side_choices(request.object, self.reach_m)
+            choices = (*self.objects, *(map(own_size, SHAPES.values()) if any_size else ()))
+            self.object = gui.add_dropdown("object", choices, initial_value=first)
+            if any_size:
+                for shape in {type(one): one for one in (*_FIRST_SHAPES, obj.shape)}.values():
+                    choice = own_size(shape)
+                    self.sizes[choice] = SizeSliders(gui, shape, visible=choice == first)
+            elif proposal is not None:
+                self.known = gui.add_html(hint_html(_BY_NAME.format(proposal.name, len(self.objects))))
+            sides = side_choices(self.chosen_object(), self.reach_m)
             self.side = gui.add_dropdown("held by", sides, hint="Side that the opposing digits span")
+            self.assumed = None
+            if isinstance(proposal, Ranked):
+                seen = (*proposal.scorer.seen.get("friction", _FRICTION), proposal.friction)
+                self.assumed = gui.add_slider("assumed friction", min(seen), max(seen), 0.05, seen[-1], hint=_ASSUMED)
             self.n = gui.add_number("n", float(request.n), step=1, hint="How many grasps")
             self.seed = gui.add_number("seed", float(request.seed), step=1, hint="The same seed gives the same grasps")
             self.measured = gui.add_html("")
@@ -104,8 +152,14 @@ class Panel:
                 self.download = gui.add_button("Download")
         tables.float(x=15, y=-15, width=330)
         put(self.side, same_side(sides, request.side_axis))
-        inputs = {name: part for name, part in vars(self).items() if getattr(part, "value", None) is not None}
-        self.inputs = {part._impl.uuid: (name.replace("_", " "), part) for name, part in inputs.items()}
+        inputs = [(name.replace("_", " "), part) for name, part in vars(self).items() if hasattr(part, "value")]
+        inputs += [(slider.label, slider) for slider in self.size_sliders]
+        self.inputs = {part._impl.uuid: (name, part) for name, part in inputs if part.value is not None}
+
+    @property
+    def size_sliders(self) -> list[viser.GuiSliderHandle[float]]:
+        """Sliders of all shapes."""
+        return [slider for size in self.sizes.values() for slider in size.sliders]
 
     def check(self, uuid: str, value: Value) -> None:
         """Check that a value can be that of the widget of an id, or raise `InputError`."""
@@ -113,19 +167,21 @@ class Panel:
         if type(value) is not type(widget.value):
             kinds = {float: "a number", str: "text", bool: "true or false"}
             raise InputError(f"{name} must be {kinds[type(widget.value)]}, got {shortened(repr(value))}")
-        if isinstance(value, str) and len(value) > _MAX_TEXT:
-            raise InputError(f"{name} must have at most {_MAX_TEXT} characters, got {len(value)}")
+        if isinstance(widget, viser.GuiSliderHandle) and not widget.min <= float(value) <= widget.max:
+            raise InputError(f"{name} must be between {widget.min:g} and {widget.max:g}, got {value:g}")
         if options := getattr(widget, "options", None):
             check_name(name, str(value), options)
 
     def chosen_object(self) -> GraspObject:
-        """Read the object chosen, or raise `InputError`."""
-        return as_object(self.size.value if self.object.value == OWN_SIZE else self.object.value)
+        """Read the object chosen."""
+        choice = self.object.value
+        return self.objects[choice] if choice in self.objects else self.sizes[choice].chosen()
 
     def request(self) -> SampleRequest:
         """Read what is asked for, or raise `InputError`."""
-        axis = side_axis(self.side.value)
-        return SampleRequest.of(self.grasp_type.value, self.chosen_object(), axis, self.n.value, self.seed.value)
+        axis, friction = side_axis(self.side.value), None if self.assumed is None else self.assumed.value
+        kind, obj = self.grasp_type.value, self.chosen_object()
+        return SampleRequest.of(kind, obj, axis, self.n.value, self.seed.value, friction)
 
 
 def put(widget: Any, value: Any) -> None:
@@ -237,7 +293,7 @@ class Page:
             """Act when a person changed a widget, not when the page itself wrote into it."""
             widget.on_update(lambda event: None if event.client is None else act())
 
-        for choice in (c.grasp_type, c.object, c.size):
+        for choice in (c.grasp_type, c.object, *c.size_sliders):
             by_hand(choice, self._choose)
         by_hand(c.grasp, self._go)
         by_hand(c.view, lambda: _action(Page._look)(self))
@@ -252,7 +308,8 @@ class Page:
 
     @_action
     def _choose(self) -> None:
-        self.panel.size.disabled = self.panel.object.value != OWN_SIZE
+        for choice, size in self.panel.sizes.items():
+            size.show(choice == self.panel.object.value)
         self._describe_choice()
         self.write()
 
@@ -263,9 +320,11 @@ class Page:
         try:
             kind, obj = as_type(c.grasp_type.value), c.chosen_object()
             choices = side_choices(obj, c.reach_m)
-            c.measured.content = measured_html(measured(self._proposal, kind, obj))
+            if choices == (ANY_SIDE,):
+                raise InputError(f"no side of {obj.name} is within the hand's reach of {c.reach_m * 100:g} cm")
+            rate, estimated = measured(self._proposal, kind, obj), c.assumed is not None
+            c.measured.content = measured_html(rate, estimated=estimated)
         except InputError as error:
-            # A size may be half typed, which is no reason for a message yet.
             c.measured.content = measured_html(None, str(error))
         if c.side.options != choices:
             c.side.options = choices
@@ -292,11 +351,7 @@ class Page:
 
     @_action
     def _go(self) -> None:
-        index = self.panel.grasp.value
-        if not math.isfinite(index):
-            put(self.panel.grasp, float(self.session.index))
-            raise InputError(f"there is no grasp {index}")
-        self.session.go(round(index))
+        self.session.go(round(self.panel.grasp.value))
         put(self.panel.grasp, float(self.session.index))
         self._look()
 
@@ -410,7 +465,7 @@ class Page:
         c.grasp.max, c.grasp.disabled = max(count - 1.0, 1.0), count == 1
         put(c.time, 0.0)
         self._look()
-        self.say(note)
+        self.say(". ".join(filter(None, (note, *self.session.batch.notes))))
 
     def write(self) -> None:
         """Write what is known of the grasps on the panel."""

@@ -28,6 +28,7 @@ from ..hands import Hand, read_spec
 from ..worlds.world import hand_to_world, object_geom
 from .recording import Frame, Recording, record
 from .shapes import OBJECT_RGB, RGB, body_rgb, hand_bounds
+from .words import chance_text
 
 Image = NDArray[np.uint8]
 
@@ -215,7 +216,9 @@ def grasp_strip(renderer: Renderer, grasps: Grasps, protocol: Protocol = PAPER) 
         rows.append([renderer.frame(frame, view) for frame in moments(one) for view in (THUMB_SIDE, FINGER_SIDE)])
         site, verdict = grasps.tasks[[index]].distinct[0].site, str(one.outcome.verdict[0]).replace("_", " ")
         faithful = ",\nfaithful" if one.outcome.faithful(grasps[index])[0] else ""
-        words.append(f"{index}: {site.name} {site.width_m * 100:g} cm\n{verdict}{faithful}")
+        chance = float(grasps.probability[index])
+        likely = f"\nchance {chance_text(chance)}" if np.isfinite(chance) else ""
+        words.append(f"{index}: {site.name} {site.width_m * 100:g} cm{likely}\n{verdict}{faithful}")
     height = 1.9 * len(rows)
     figure = grid(rows, words, (11.0, height + 0.3))
     figure.subplots_adjust(left=0.12, right=0.998, top=height / (height + 0.3), bottom=0.0, wspace=0.0, hspace=0.0)

@@ -24,6 +24,7 @@ from ..engines import run_trials
 from ..formats import FORMATS_BY_NAME, ExportOptions, load_executable, save_grasps
 from ..hands import Hand
 from ..proposals import Proposal
+from ..proposals.ranked import Ranked
 from .recording import Frame, Recording, record
 
 MAX_GRASPS = 200
@@ -41,13 +42,19 @@ _PHYSICS = threading.Lock()
 
 @dataclass(frozen=True)
 class SampleRequest:
-    """What to sample; a side axis of None draws among the graspable sides."""
+    """What to sample.
+
+    Attributes:
+        side_axis: None draws among the graspable sides.
+        friction: that the chances of ranked grasps are estimated for; None is the model's own.
+    """
 
     grasp_type: GraspType
     object: GraspObject
     side_axis: str | None
     n: int
     seed: int
+    friction: float | None = None
 
     @classmethod
     def of(
@@ -57,6 +64,7 @@ class SampleRequest:
         side_axis: str | None = None,
         n: float = 10,
         seed: float = 0,
+        friction: float | None = None,
     ) -> SampleRequest:
         """Read what a person or a browser asks for.
 
@@ -66,7 +74,7 @@ class SampleRequest:
         for name, value, low, high in (("n", n, 1, MAX_GRASPS), ("seed", seed, 0, MAX_SEED)):
             if not low <= value <= high or value != int(value):
                 raise InputError(f"{name} must be a whole number between {low} and {high}, got {value}")
-        return cls(as_type(grasp_type), as_object(object), side_axis, int(n), int(seed))
+        return cls(as_type(grasp_type), as_object(object), side_axis, int(n), int(seed), friction)
 
 
 @dataclass(frozen=True)
@@ -78,7 +86,7 @@ class Batch:
         name: stem of a downloaded file.
         metadata: what a file says of their origin.
         X_world_object: object pose that a file was written for, None where there was none.
-        notes: what a user should be told of the file.
+        notes: what a user should be told of them.
     """
 
     grasps: Grasps
@@ -94,10 +102,17 @@ def sample_batch(proposal: Proposal, hand: Hand, request: SampleRequest) -> Batc
     kind, obj, axis = proposal.as_type(request.grasp_type.name), request.object, request.side_axis
     n, seed = request.n, request.seed
     hand.check_type(kind)
+    asked: dict[str, Any] = {"grasp_type": kind.name, "object": obj.name, "side_axis": axis, "n": n, "seed": seed}
+    if request.friction is not None:
+        if not isinstance(proposal, Ranked):
+            raise InputError(
+                f"{proposal.name} estimates no chances, so that a friction of {request.friction:g} is of no use"
+            )
+        proposal, asked["friction"] = replace(proposal, friction=request.friction), request.friction
     grasps = proposal.sample(kind, obj, axis, n, seed)
-    asked = {"grasp_type": kind.name, "object": obj.name, "side_axis": axis, "n": n, "seed": seed}
     name = "_".join([kind.name, obj.name, *([axis] if axis else []), f"seed{seed}"]).replace(":", "_")
-    return Batch(_ordered(grasps, hand), name, proposal.origin(kind, obj) | {"asked": asked})
+    metadata = proposal.origin(kind, obj) | {"asked": asked}
+    return Batch(_ordered(grasps, hand), name, metadata, notes=proposal.notes(grasps))
 
 
 def file_batch(path: Path, hand: Hand, trust_pickle: bool = False) -> Batch:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..core.intervals import Interval, wilson
+from ..formats.document import mapping
+from ..proposals.ranked import FAIR
 from .session import Session
 
 MEANING = {
@@ -43,12 +45,21 @@ def message_html(text: str, *, error: bool = False) -> str:
     return _fixed(inner if text else "", 3)
 
 
-def measured_html(measured: Mapping[str, Any] | None, problem: str = "") -> str:
-    """Word what was measured of a type and object, with a warning where few hold; or what is wrong with them."""
+def hint_html(text: str) -> str:
+    """Word what is always true of the control above."""
+    return f'<div class="gc-hint" style="{_PANEL};{_STYLES["note"]}">{escape(text)}</div>'
+
+
+def measured_html(measured: Mapping[str, Any] | None, problem: str = "", *, estimated: bool = False) -> str:
+    """Word what was measured of a type and object, with a warning where few hold; or what is wrong with them.
+
+    Where nothing was measured, `estimated` says that each grasp comes with a chance of its own.
+    """
     if problem:
         kind, text = "error", escape(problem)
     elif measured is None:
-        kind, text = "note", "how often these hold has not been measured"
+        kind = "note"
+        text = "each grasp's chance is estimated" if estimated else "how often these hold has not been measured"
     else:
         rate, trials = wilson(measured["held"], measured["n"]), f"{measured['n']} trials"
         kind = "error" if rate.rate < RARE else "note"
@@ -71,7 +82,10 @@ def grasp_html(session: Session, shown: str, *, playing: bool = False) -> str:
         f'shown: <span class="gc-shown">{escape(shown)}</span>',
         protocol if playing else f'<span class="gc-verdict">{verdict}</span>',
     ]
-    return _fixed("<br>".join(lines), 5)
+    if np.isfinite(chance := float(session.grasp.probability[0])):
+        doubt = ": <b>likely to fail</b>" if chance < FAIR else ""
+        lines.insert(1, f'<span class="gc-chance">chance of success {chance_text(chance)}{doubt}</span>')
+    return _fixed("<br>".join(lines), 5 + int(np.isfinite(session.batch.grasps.probability).any()))
 
 
 def table_html(session: Session, *, mark: bool = True) -> str:
@@ -84,7 +98,7 @@ def table_html(session: Session, *, mark: bool = True) -> str:
     columns["side"] = [_side(session, index) for index in rows]
     columns["size cm"] = [_number(size_m * 100, ".1f") for size_m in grasps.grasp_size_m]
     if np.isfinite(grasps.probability).any():
-        columns["P(hold)"] = [_number(chance, ".2f") for chance in grasps.probability]
+        columns["chance"] = [chance_text(chance) for chance in grasps.probability]
     columns["verdict"] = ["-"] * len(session)
     for index, outcome in session.outcomes.items():
         faithful = " faithful" if session.faithful(index) else ""
@@ -99,8 +113,29 @@ def table_html(session: Session, *, mark: bool = True) -> str:
     )
     return (
         f'<div style="{_PANEL}"><div style="max-height:17em;overflow:auto">{body}</div>'
-        f'<div class="gc-rate" style="padding-top:0.4em">{escape(rate_text(session))}</div></div>'
+        f'<div class="gc-rate" style="padding-top:0.4em">{escape(rate_text(session))}</div>'
+        f"{_chances_html(session)}</div>"
     )
+
+
+def _chances_html(session: Session) -> str:
+    """Word the mean of the chances that are known, with a warning where it is low."""
+    known = session.batch.grasps.probability[np.isfinite(session.batch.grasps.probability)]
+    if not known.size:
+        return ""
+    friction = mapping(session.batch.metadata.get("ranking")).get("friction")
+    at = "" if friction is None else f" at friction {escape(str(friction))}"
+    doubt = ". <b>Most such grasps are expected to fail.</b>" if known.mean() < FAIR else ""
+    return f'<div class="gc-chances">chance of success{at}: {chance_text(float(known.mean()))} on average{doubt}</div>'
+
+
+def chance_text(chance: float) -> str:
+    """Word a chance in whole percent, only certainty as 0 or 100; unknown is a dash."""
+    if not np.isfinite(chance):
+        return "-"
+    percent = round(100 * chance)
+    bound = {0: "under 1 %", 100: "over 99 %"}.get(percent)
+    return bound if bound and 0 < chance < 1 else f"{percent} %"
 
 
 def rate_text(session: Session) -> str:

@@ -170,6 +170,11 @@ class GraspSampler(Proposal):
         """Objects that it knows, where it tells them by name, otherwise those of the catalogue."""
         return self.vocabulary.objects if self.factorization.object_code == "label" else super().objects
 
+    @property
+    def takes_any_size(self) -> bool:
+        """Whether objects of any size can be asked for: it does not tell objects by name."""
+        return self.factorization.object_code != "label"
+
     def fingerprint(self) -> str:
         """Compute a short digest of the weights."""
         digest = hashlib.sha256()
@@ -254,7 +259,7 @@ def shipped_folders() -> dict[str, Path]:
 
 
 def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:
-    """Read the counts of an evaluation file, nothing where there is none.
+    """Read the counts of an evaluation file, nothing where there is none or its grasps were ranked.
 
     Raises:
         FileFormatError: the file is no evaluation, or names other weights or another choice of sizes.
@@ -264,6 +269,9 @@ def _measured(path: Path, sampler: GraspSampler) -> dict[str, dict[str, Any]]:
     try:
         data = read_json(path)
         about = data.get("model_metadata", {})
+        if "ranking" in about:
+            # Rates of grasps that a scorer chose say nothing of the others.
+            return {}
         weights, sizes = about.get("weights"), about.get("sizes", sampler.size_mode)
         protocol, rates = str(data["protocol"]), {}
         for cell in data["cells"]:
