@@ -70,13 +70,12 @@ def _from_box(half: list[Array], points: list[Array], gradients: bool) -> _Measu
     signed = distance + np.minimum(deepest, 0)
     if not gradients:
         return signed, []
-    is_inside = distance == 0
-    scale = 1 / np.where(is_inside, 1, distance)
+    scale, is_inside = _inverse(distance), distance == 0
     for slope, each, point in zip(outside, beyond, points, strict=True):
-        slope *= scale
         is_nearest = is_inside & (each == deepest)
         is_inside ^= is_nearest
-        slope[is_nearest] = 1
+        slope *= scale
+        slope += is_nearest
         np.copysign(slope, point, out=slope)
     return signed, outside
 
@@ -107,10 +106,16 @@ def _length(vectors: list[Array]) -> Array:
 
 def _unit(vectors: list[Array], length: Array) -> list[Array]:
     """Divide vectors by their lengths; one of no length becomes the first axis."""
-    scale = 1 / np.where(length > 0, length, 1)
+    scale = _inverse(length)
     first, *others = (vector * scale for vector in vectors)
     first += length == 0
     return [first, *others]
+
+
+def _inverse(length: Array) -> Array:
+    """Divide one by lengths, zero counting as one."""
+    # np.where takes ten times as long.
+    return np.asarray(1 / (length + (length == 0)))
 
 
 _MEASURES: Mapping[str, Callable[[list[Array], list[Array], bool], _Measured]] = {

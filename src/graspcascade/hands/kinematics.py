@@ -77,7 +77,8 @@ class Kinematics:
             ``(m, 3, n)``, the postures last; real numbers of the type that the root's are of.
         """
         moving = self._moving(angles, [body for body, _ in spots], root)
-        located = np.empty((len(spots), 3, max(_rows(angles), root[1].shape[1])), root[1].dtype)
+        shape = np.broadcast_shapes((3, _rows(angles)), root[1].shape)
+        located = np.empty((len(spots), *shape), root[1].dtype)
         for place, (body, point) in zip(located, spots, strict=True):
             axes, origin = moving[body]
             np.add(origin, _combined(axes, point), out=place)

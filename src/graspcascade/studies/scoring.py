@@ -35,7 +35,7 @@ class ScorerTraining:
 
     sight: Sight = field(default_factory=Sight)
     """What the scorer sees."""
-    hidden: tuple[int, ...] = (256, 128)
+    hidden: tuple[int, ...] = (128, 128)
     """Widths of the hidden layers."""
     training: TrainingSpec = field(
         default_factory=lambda: TrainingSpec(

@@ -113,11 +113,13 @@ def _three_stages(
     frame: Frame = "hand",
     code: ObjectCode = "label",
     posture: Stage = _POSTURE,
+    rotation_hidden: tuple[int, ...] = (256, 256),
 ) -> Factorization:
+    given: tuple[Quantity, ...] = ("position", "posture", *rotation)
     stages = (
         posture,
         Stage("position", ("position",), ("posture", *position), hidden=(128, 128)),
-        Stage("rotation", ("rotation",), ("position", "posture", *rotation), rotation_head=head),
+        Stage("rotation", ("rotation",), given, rotation_head=head, hidden=rotation_hidden),
     )
     return Factorization(name, stages, frame, source, code)
 
@@ -126,7 +128,7 @@ _ONE = Stage("grasp", ("posture", "position", "rotation"), _ALL, latent_dim=14)
 _POSE = Stage("pose", ("position", "rotation"), ("posture", *_ALL), latent_dim=6)
 _IN_OPPOSITION_FRAME = "model3 with poses learned in the opposition frame"
 _BY_SITE = "model3 with objects told apart by what they are where they are held"
-_POSTURE_BY_SITE = replace(_POSTURE, given=_TYPE_AND_OBJECT)
+_POSTURE_BY_SITE = replace(_POSTURE, given=_TYPE_AND_OBJECT, hidden=(256, 128))
 _ALL_BUT_TYPE: tuple[Quantity, ...] = ("grasp_size", "object_type", "object_size")
 _ALL_BUT_OBJECT: tuple[Quantity, ...] = ("grasp_type", "grasp_size", "object_size")
 _VALUES = (
@@ -142,6 +144,7 @@ _VALUES = (
         frame="opposition",
         code="site",
         posture=_POSTURE_BY_SITE,
+        rotation_hidden=(192, 128),
     ),
     _three_stages("plain_rotation", _ALL, _ALL, "Table II", head="unit"),
     _three_stages("variant2", _ALL, _ALL_BUT_GRASP_SIZE, "Table III"),
