@@ -343,10 +343,11 @@ def number(value: object, what: str) -> float:
     """Check a number."""
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         with contextlib.suppress(OverflowError):
-            if math.isfinite(value) and abs(value) > _LARGEST:
-                raise FileFormatError(f"{what} is {shown(value)}, beyond any number of a grasp")
             if math.isfinite(value):
-                return float(value)
+                read = float(value)
+                if abs(read) <= _LARGEST:
+                    return read
+                raise FileFormatError(f"{what} is {shown(value)}, beyond any number of a grasp")
     raise FileFormatError(f"{what} is {shown(value)}, not a finite number")
 
 
