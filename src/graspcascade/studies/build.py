@@ -61,7 +61,7 @@ class BuildSpec:
     """Training of the cascade after each round."""
     scorer: ScorerTraining = field(default_factory=ScorerTraining)
     """Training of the scorer after each round."""
-    least_chance: float = 0.7
+    least_chance: float = 0.85
     """The cascade learns from successes to which the scorer gives at least this chance: those that were not luck."""
     evaluation_per_cell: int = 600
     """Trials of each kind of object and type in an evaluation."""
