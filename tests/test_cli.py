@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from command_line import Call, assert_refused
 from graspcascade.cli import VERBS, main
 from graspcascade.cli.console import Bar
 from graspcascade.core.grasps import Grasps
@@ -37,39 +38,6 @@ from graspcascade.studies.postures import LabelledPostures, export_postures, imp
 from graspcascade.studies.rounds import CELLS
 from hand_files import write_hand
 from test_studies_executor import be_killed
-
-
-@dataclass(frozen=True)
-class Said:
-    status: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:
-        return json.loads(self.out)
-
-
-Call = Callable[..., Said]
-
-
-@pytest.fixture
-def call(capsys: pytest.CaptureFixture[str]) -> Call:
-    def run(*arguments: object) -> Said:
-        capsys.readouterr()
-        status = main([str(a) for a in arguments])
-        captured = capsys.readouterr()
-        return Said(status, captured.out, captured.err)
-
-    return run
-
-
-def assert_refused(said: Said, *words: str) -> None:
-    assert said.status == 2
-    assert said.out == ""
-    assert len(said.err.splitlines()) == 1
-    for word in words:
-        assert word in said.err
 
 
 def python(*arguments: str, encoding: str = "utf-8", folder: Path | None = None) -> subprocess.CompletedProcess[str]:

@@ -1,15 +1,14 @@
 """The export verb: from any format into any other, by the command line."""
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from graspcascade.cli import main
+from command_line import Call
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.objects import CATALOGUE
 from graspcascade.core.outcomes import VERDICTS
@@ -19,25 +18,9 @@ from graspcascade.formats import FORMATS_BY_NAME, load_document, load_grasps, sa
 from graspcascade.studies.record import Cell, Evaluation
 
 
-@dataclass(frozen=True)
-class Said:
-    status: int
-    out: str
-    err: str
-
-
-Export = Callable[..., Said]
-
-
 @pytest.fixture
-def export(capsys: pytest.CaptureFixture[str]) -> Export:
-    def run(*arguments: object) -> Said:
-        capsys.readouterr()
-        status = main(["export", *map(str, arguments)])
-        captured = capsys.readouterr()
-        return Said(status, captured.out, captured.err)
-
-    return run
+def export(call: Call) -> Call:
+    return partial(call, "export")
 
 
 @pytest.fixture
@@ -46,7 +29,7 @@ def saved(drawn: Grasps, tmp_path: Path) -> Path:
     return tmp_path / "grasps.json"
 
 
-def test_help_names_every_format(export: Export) -> None:
+def test_help_names_every_format(export: Call) -> None:
     said = export("--help")
     assert said.status == 0
     for name in FORMATS_BY_NAME:
@@ -63,7 +46,7 @@ def test_help_names_every_format(export: Export) -> None:
         ("dexgraspnet", "net"),
     ],
 )
-def test_there_and_back(export: Export, saved: Path, tmp_path: Path, name: str, target: str) -> None:
+def test_there_and_back(export: Call, saved: Path, tmp_path: Path, name: str, target: str) -> None:
     out, back = tmp_path / target, tmp_path / "back.json"
     assert export(saved, "--format", name, "--out", out).status == 0
     trust = ["--trust-pickle"] if FORMATS_BY_NAME[name].pickled else []
@@ -75,7 +58,7 @@ def test_there_and_back(export: Export, saved: Path, tmp_path: Path, name: str, 
     assert load_document(back).metadata == {"model": "by hand"}
 
 
-def test_pickles_need_the_flag(export: Export, saved: Path, tmp_path: Path) -> None:
+def test_pickles_need_the_flag(export: Call, saved: Path, tmp_path: Path) -> None:
     export(saved, "--format", "dexgraspbench", "--out", tmp_path / "bench")
     said = export(tmp_path / "bench", "--out", tmp_path / "back.json")
     assert (said.status, said.out) == (2, "")
@@ -84,7 +67,7 @@ def test_pickles_need_the_flag(export: Export, saved: Path, tmp_path: Path) -> N
     assert not (tmp_path / "back.json").exists()
 
 
-def test_an_evaluation_gives_the_confidence(export: Export, saved: Path, tmp_path: Path) -> None:
+def test_an_evaluation_gives_the_confidence(export: Call, saved: Path, tmp_path: Path) -> None:
     cells = tuple(
         Cell(dict.fromkeys(VERDICTS, 0) | {"held": 3, "dropped": 1}, 0, kind, label)
         for label in CATALOGUE
@@ -111,7 +94,7 @@ def test_an_evaluation_gives_the_confidence(export: Export, saved: Path, tmp_pat
 
 @pytest.mark.parametrize("name", [name for name, known in FORMATS_BY_NAME.items() if known.contact])
 def test_a_format_of_hands_in_contact_tries_the_grasps_first(
-    export: Export, saved: Path, tmp_path: Path, name: str
+    export: Call, saved: Path, tmp_path: Path, name: str
 ) -> None:
     said = export(saved, "--format", name, "--out", tmp_path / "tried")
     assert said.status == 0
@@ -128,19 +111,19 @@ def contact_measured(folder: Path) -> list[bool]:
     return [row["graspcascade"]["grasp"]["contact_measured"] for row in rows]
 
 
-def test_other_formats_are_settled_where_it_is_asked_for(export: Export, saved: Path, tmp_path: Path) -> None:
+def test_other_formats_are_settled_where_it_is_asked_for(export: Call, saved: Path, tmp_path: Path) -> None:
     assert "trial" not in export(saved, "--format", "isaac_grasp", "--out", tmp_path / "target").out
     assert "held in the trial" in export(saved, "--format", "isaac_grasp", "--out", tmp_path / "tried", "--settle").out
 
 
-def test_an_empty_frame_is_the_objects_own(export: Export, saved: Path, tmp_path: Path) -> None:
+def test_an_empty_frame_is_the_objects_own(export: Call, saved: Path, tmp_path: Path) -> None:
     out = tmp_path / "g.yaml"
     for asked, frame in (([], "box_small"), (["--frame-id", "table"], "table"), (["--frame-id", ""], "")):
         assert export(saved, "--format", "moveit_grasp", "--out", out, *asked).status == 0
         assert yaml.safe_load(out.read_text())["grasps"][0]["grasp_pose"]["header"]["frame_id"] == frame
 
 
-def test_notes_on_the_file_go_to_stderr(export: Export, saved: Path, tmp_path: Path) -> None:
+def test_notes_on_the_file_go_to_stderr(export: Call, saved: Path, tmp_path: Path) -> None:
     data = json.loads(saved.read_text())
     data["grasps"][0]["posture"]["THJ3"] = 0.4
     saved.write_text(json.dumps(data))
@@ -151,7 +134,7 @@ def test_notes_on_the_file_go_to_stderr(export: Export, saved: Path, tmp_path: P
     json.loads(said.out)
 
 
-def test_an_object_that_is_not_known_is_what_the_user_says(export: Export, saved: Path, tmp_path: Path) -> None:
+def test_an_object_that_is_not_known_is_what_the_user_says(export: Call, saved: Path, tmp_path: Path) -> None:
     data = json.loads(saved.read_text())
     data["grasps"] = data["grasps"][:1]
     saved.write_text(json.dumps(data))
@@ -176,7 +159,7 @@ def test_an_object_that_is_not_known_is_what_the_user_says(export: Export, saved
     ],
 )
 def test_names_in_the_file_are_a_choice(
-    export: Export, saved: Path, tmp_path: Path, arguments: list[str], keys: set[str]
+    export: Call, saved: Path, tmp_path: Path, arguments: list[str], keys: set[str]
 ) -> None:
     export(saved, "--format", "isaac_grasp", "--out", tmp_path / "isaac", *arguments)
     for file in (tmp_path / "isaac").iterdir():
@@ -212,7 +195,7 @@ def test_names_in_the_file_are_a_choice(
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(
-    export: Export, saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], word: str
+    export: Call, saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], word: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     said = export(saved, *arguments)
@@ -223,9 +206,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize("name", ["isaac_grasp", "moveit_grasp", "dexgraspbench", "dexgraspnet"])
-def test_a_file_that_lacks_a_joint_is_refused_in_one_line(
-    export: Export, saved: Path, tmp_path: Path, name: str
-) -> None:
+def test_a_file_that_lacks_a_joint_is_refused_in_one_line(export: Call, saved: Path, tmp_path: Path, name: str) -> None:
     data = json.loads(saved.read_text())
     data["joint_names"].remove("FFJ4")
     for row in data["grasps"]:
@@ -240,7 +221,7 @@ def test_a_file_that_lacks_a_joint_is_refused_in_one_line(
     assert [p.name for p in tmp_path.iterdir()] == [saved.name]
 
 
-def test_no_grasps_are_not_exported(export: Export, drawn: Grasps, tmp_path: Path) -> None:
+def test_no_grasps_are_not_exported(export: Call, drawn: Grasps, tmp_path: Path) -> None:
     save_grasps(tmp_path / "none.json", drawn[[]], metadata={})
     said = export(tmp_path / "none.json", "--out", tmp_path / "x.parquet")
     assert said.status == 2

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import shutil
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from graspcascade.cli import main
+from command_line import Call, assert_refused
 from graspcascade.core.errors import FileFormatError
 from graspcascade.core.families import FAMILIES
 from graspcascade.core.objects import as_object
@@ -39,39 +37,6 @@ from test_pages import blocks
 HAND = load_hand("shadow")
 BOX = "box:32x41x60mm"
 LIGHT_KG = 0.06
-
-
-@dataclass(frozen=True)
-class Said:
-    status: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:
-        return json.loads(self.out)
-
-
-Call = Callable[..., Said]
-
-
-@pytest.fixture
-def call(capsys: pytest.CaptureFixture[str]) -> Call:
-    def run(*arguments: object) -> Said:
-        capsys.readouterr()
-        status = main([str(a) for a in arguments])
-        captured = capsys.readouterr()
-        return Said(status, captured.out, captured.err)
-
-    return run
-
-
-def assert_refused(said: Said, *words: str) -> None:
-    assert said.status == 2
-    assert said.out == ""
-    assert len(said.err.splitlines()) == 1
-    for word in words:
-        assert word in said.err
 
 
 @pytest.fixture(scope="module")

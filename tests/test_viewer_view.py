@@ -4,7 +4,6 @@ import os
 import re
 import socket
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,20 +13,13 @@ if not os.environ.get("CI"):  # where everything must run, a missing package is 
     pytest.importorskip("viser")
 
 
-from graspcascade.cli import main
+from command_line import Said, assert_refused, said_by
 from graspcascade.core.grasps import Grasps
 from graspcascade.core.tasks import Task, Tasks
 from graspcascade.formats import save_grasps
 from graspcascade.hands import Hand
 from graspcascade.proposals.heuristic import Heuristic, Screened
 from graspcascade.proposals.prior import PosturePrior
-
-
-@dataclass(frozen=True)
-class Said:
-    status: int
-    out: str
-    err: str
 
 
 @pytest.fixture
@@ -39,16 +31,7 @@ def taken() -> Iterator[int]:
 
 
 def view(capsys: pytest.CaptureFixture[str], *arguments: object) -> Said:
-    capsys.readouterr()
-    status = main(["view", *map(str, arguments)])
-    captured = capsys.readouterr()
-    return Said(status, captured.out, captured.err)
-
-
-def assert_refused(said: Said, *words: str) -> None:
-    assert (said.status, said.out, len(said.err.splitlines())) == (2, "", 1)
-    for word in words:
-        assert word in said.err
+    return said_by(capsys, "view", *arguments)
 
 
 def test_a_port_in_use_is_refused(capsys: pytest.CaptureFixture[str], taken: int) -> None:

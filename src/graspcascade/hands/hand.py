@@ -98,6 +98,11 @@ class Closure:
     grasp_size_m: Array
 
 
+def middle(points: Sequence[Array]) -> Array:
+    """Compute the middle of one or more points, ``(n, 3)`` each: where places that oppose the thumb together are."""
+    return np.asarray(sum(points[1:], points[0]) / len(points))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Hand:
     """A hand and its geometry; all postures are ``(n, J)`` radians in the order of `joint_names`.
@@ -313,7 +318,7 @@ class Hand:
         """
         places = self.place_points(self.executed(posture), kind.opposition)
         thumb, *others = (places[name].point_m for name in kind.opposition)
-        return thumb, sum(others[1:], others[0]) / len(others)
+        return thumb, middle(others)
 
     def closure(self, executed: ArrayLike, kinds: Sequence[GraspType], kind_of_row: NDArray[np.intp]) -> Closure:
         """Measure how executed postures of mixed types close; posture i is of type ``kinds[kind_of_row[i]]``."""
@@ -327,7 +332,7 @@ class Hand:
             rows = np.True_ if len(kinds) == 1 else (kind_of_row == number)[:, None]
             own, *others = (points[name] for name in kind.opposition)
             np.copyto(thumb, own, where=rows)
-            np.copyto(other, sum(others[1:], others[0]) / len(others), where=rows)
+            np.copyto(other, middle(others), where=rows)
         return Closure(thumb, other, np.linalg.norm(points["thumb"] - points["index"], axis=-1))
 
     def area_masks(self, bodies: Sequence[str], normals: ArrayLike) -> NDArray[np.uint16]:

@@ -105,7 +105,11 @@ class Ranked(_Derived):
         return self.scorer.chances(grasps, self._conditions(len(grasps))).faithful
 
     def propose(self, tasks: Tasks, rng: np.random.Generator) -> Grasps:  # noqa: D102 (inherited)
-        columns, task, asked = self._drawn(tasks, rng), tasks.row, np.bincount(tasks.row, minlength=len(tasks.table))
+        return self._ranked(tasks, self._drawn(tasks, rng), rng)
+
+    def _ranked(self, tasks: Tasks, columns: dict[str, Array], rng: np.random.Generator) -> Grasps:
+        """Draw on from one draw for each row, whose columns are given, and choose."""
+        task, asked = tasks.row, np.bincount(tasks.row, minlength=len(tasks.table))
         some_row = np.zeros(len(asked), dtype=np.intp)
         some_row[task] = np.arange(len(tasks))
         while True:
@@ -239,10 +243,11 @@ def feasibility(ranked: Ranked, obj: GraspObject, n: int = 64, seed: int = 0) ->
     if not table:
         raise InputError(f"no side of {obj.name} is within the hand's reach of {reach_m * 100:g} cm")
     tasks = Tasks(table, np.repeat(np.arange(len(table)), n))
-    drawn, likely = (each.propose(tasks, np.random.default_rng(seed)) for each in (ranked.proposal, ranked))
-    shape = len(table), n
+    rng, shape = np.random.default_rng(seed), (len(table), n)
+    drawn = ranked._drawn(tasks, rng)
+    likely = ranked._ranked(tasks, drawn, rng)
     chance = likely.probability.reshape(shape).mean(axis=1).tolist()
-    good = (ranked.chances(drawn) >= ranked.good_enough).reshape(shape).mean(axis=1).tolist()
+    good = (drawn["probability"] >= ranked.good_enough).reshape(shape).mean(axis=1).tolist()
     rows = zip(table, chance, good, strict=True)
     return tuple(Feasibility(task.grasp_type.name, task.site.name, task.site.width_m, *each) for task, *each in rows)
 

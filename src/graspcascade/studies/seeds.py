@@ -20,6 +20,7 @@ from scipy.optimize import least_squares
 from ..core.errors import MAX_SEED, InputError, check_name, check_whole
 from ..core.taxonomy import GRASP_TYPES, TAXONOMIES, GraspType
 from ..hands import Hand
+from ..hands.hand import middle
 from .postures import LabelledPostures
 
 Array = NDArray[np.float64]
@@ -124,10 +125,11 @@ def make_seeds(
         number = order.index(kind.name)
         rng = np.random.default_rng([spec.seed, number])
         for aperture in apertures.tolist():
-            for _ in range(spec.most_draws):
-                posture = _solve(hand, kind, aperture, spec, rng)
+            posture = _solve(hand, kind, aperture, spec, rng)
+            for _ in range(spec.most_draws - 1):
                 if nearest_human_type(hand.executed(posture[None]), hand.joint_names)[0] == kind.name:
                     break
+                posture = _solve(hand, kind, aperture, spec, rng)
             postures.append(posture)
             if progress is not None:
                 progress(1)
@@ -181,9 +183,9 @@ def _solve(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, rng: 
 def _contact_residuals(hand: Hand, kind: GraspType, aperture_m: float, spec: SeedSpec, postures: Array) -> Array:
     thumb_name, *opposing = kind.opposition
     beside_first = (*opposing[1:], *kind.support)
-    places = hand.place_points(postures, [name for name in (*kind.opposition, *beside_first) if name in hand.places])
+    places = hand.place_points(postures, [name for name in (*kind.opposition, *kind.support) if name in hand.places])
     thumb, first = places[thumb_name], places[opposing[0]]
-    line = sum((places[name].point_m for name in opposing[1:]), first.point_m) / len(opposing) - thumb.point_m
+    line = middle([places[name].point_m for name in opposing]) - thumb.point_m
     distance = np.linalg.norm(line, axis=-1, keepdims=True)
     axis = line / np.maximum(distance, 1e-9)
     parts = [
