@@ -293,7 +293,8 @@ _CARD = """\
 
 Asked for a grasp type and a box, cylinder or sphere, a cascade of three networks draws joint angles and the
 object's pose in the hand. A scorer estimates the chance that each grasp holds as its type asks, for a friction and
-a mass; what has less than {good_enough:g} is drawn again, up to {most_draws} times in all. Name its folder to use it:
+a mass; of up to {most_draws} times as many draws those with at least {good_enough:g} are given, and the likeliest
+of the others where these are too few. Name its folder to use it:
 
     graspcascade types box:32x41x60mm --model FOLDER
     graspcascade sample tripod box:32x41x60mm --model FOLDER
